@@ -16,7 +16,7 @@ use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::database::Database;
 use metamorph_protocol::roombots::sweep::FloorContact;
 use std::collections::BTreeSet;
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// Carries a plan out on cells alone: every posture of every action, with everything else where it is.
 fn check(scene: &Scene, ground: &Ground<'_>, task: &Task, plan: &Plan) {
@@ -72,7 +72,7 @@ fn check(scene: &Scene, ground: &Ground<'_>, task: &Task, plan: &Plan) {
 
 #[test]
 fn every_task_ends_in_a_plan_that_holds_or_a_proof() {
-    let (database, cube) = (Rc::new(Database::build()), "cube".parse().unwrap());
+    let (database, cube) = (Arc::new(Database::build()), "cube".parse().unwrap());
     let scene = Scene::new(database, Kind::Srs, &cube, 250, Limits::NOMINAL, Terrain::experiment());
     let (mut planned, mut hand_overs, mut reasons) = (0, 0, BTreeSet::new());
     for (tenths, seeds) in [(8, 0..2), (4, 0..2), (2, 0..2)] {

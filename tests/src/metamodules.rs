@@ -7,6 +7,7 @@ use metamorph_protocol::defects::Defect;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::link::{ClockOffset, LinkModel};
 use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedOrder, box_of_four, chair_of_six};
+use metamorph_protocol::metamodule::elements::Elements;
 use metamorph_protocol::metamodule::motions::Motions;
 use metamorph_protocol::metamodule::params::{
     Detector, Floor, Params, Precedence, SeedAuthority, Setup, Strategy,
@@ -155,6 +156,7 @@ impl Assembly {
             floor: Floor { min: (0, 0), max: (12, 12) },
             goals: vec![goal.blueprint(order)],
             motions: motions(kind),
+            elements: Elements::NONE,
         };
         let count = setup.goals[0].seeds().len();
         let start = random_start(&setup, count, seed).expect("invariant: the floor has room");

@@ -8,12 +8,14 @@ use super::contact::ElementSweeper;
 use super::element::{Element, Grip, cell_at, moved};
 use crate::lattice::Cell;
 use crate::roombots::Kind;
-use crate::roombots::database::{Database, Table};
+use crate::roombots::database::Database;
+use crate::roombots::posture::Placement;
 use crate::roombots::sweep::FloorContact;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 /// A set of the cells of a carry table, one bit each.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Cells(Box<[u64]>);
 
 impl Cells {
@@ -36,7 +38,7 @@ impl Cells {
 }
 
 /// A step of one joint by +120° or +90° with an element; backwards it sweeps the same cells.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CarryStep {
     /// The posture before.
     pub from: u16,
@@ -49,7 +51,7 @@ pub struct CarryStep {
 }
 
 /// Postures and steps of a kind with an element in one grip.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CarryTable {
     kind: Kind,
     grip: Grip,
@@ -69,7 +71,7 @@ impl CarryTable {
     pub fn new(database: &Database, kind: Kind, grip: &Grip, sweeper: &mut ElementSweeper) -> CarryTable {
         let table = database.table(kind);
         let held: Vec<Option<Vec<Cell>>> =
-            (0..table.postures().len()).map(|p| held_at(table, p, grip)).collect();
+            table.postures().iter().map(|entry| held_by(&entry.posture.placement(), grip)).collect();
         let body = |p: usize| table.postures()[p].posture.placement().cells;
         let filled = |(p, held): (usize, &Option<Vec<Cell>>)| Some([held.as_ref()?, &body(p)[..]].concat());
         let filled: Vec<Option<Vec<Cell>>> = held.iter().enumerate().map(filled).collect();
@@ -165,6 +167,17 @@ impl CarryTable {
         Cells(words.into())
     }
 
+    /// Returns the cells of a set.
+    pub fn resolve<'a>(&'a self, set: &'a Cells) -> impl Iterator<Item = Cell> + 'a {
+        let is_in = |i: usize| set.0.get(i / 64).is_some_and(|word| word >> (i % 64) & 1 == 1);
+        self.cells.iter().enumerate().filter(move |(i, _)| is_in(*i)).map(|(_, cell)| *cell)
+    }
+    /// Returns the number of the step between two postures, in either direction.
+    pub fn step_between(&self, from: u16, to: u16) -> Option<usize> {
+        let mut at = self.steps_at.get(usize::from(from))?.iter().map(|i| usize::from(*i));
+        at.find(|i| [(from, to), (to, from)].contains(&(self.steps[*i].from, self.steps[*i].to)))
+    }
+
     /// Returns the sets of postures that steps connect, largest first, postures ascending. Only valid postures that
     /// `stands` accepts and steps that `passes` accepts count.
     pub fn connected(&self, stands: impl Fn(u16) -> bool, passes: impl Fn(usize) -> bool) -> Vec<Vec<u16>> {
@@ -229,9 +242,9 @@ impl CarryTable {
     }
 }
 
-/// Returns the cells of the element in a posture, unless one is below the floor or in the metamodule.
-fn held_at(table: &Table, posture: usize, grip: &Grip) -> Option<Vec<Cell>> {
-    let placement = table.postures()[posture].posture.placement();
+/// Returns the cells of the element that a metamodule holds, sorted; `None` if one is below the floor or in the
+/// metamodule.
+pub fn held_by(placement: &Placement, grip: &Grip) -> Option<Vec<Cell>> {
     let mut cells: Vec<Cell> = grip.centres.iter().map(|c| cell_at(moved(placement.head, *c))).collect();
     cells.sort_unstable();
     let free = cells.iter().all(|c| c.z >= 0 && !placement.cells.contains(c));

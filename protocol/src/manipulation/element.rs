@@ -2,6 +2,7 @@
 
 use crate::lattice::{Cell, Face};
 use crate::roombots::lattice_pose::{Half, LatticePose, LatticeRotation};
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::str::FromStr;
@@ -42,7 +43,7 @@ pub enum ElementError {
 }
 
 /// A passive four-way symmetric connector on the surface of an element.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Port {
     /// The cell.
     pub cell: Cell,
@@ -51,7 +52,7 @@ pub struct Port {
 }
 
 /// A rigid set of cells that are connected by faces.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Element {
     cells: Vec<Cell>,
     ports: Vec<Port>,
@@ -59,7 +60,7 @@ pub struct Element {
 
 /// A way in which a head plate holds an element. Ports and twists that put the element into the same cells are one
 /// grip.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Grip {
     /// The first port of this grip.
     pub port: Port,

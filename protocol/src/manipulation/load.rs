@@ -9,12 +9,13 @@ use crate::roombots::database::Table;
 use crate::roombots::posture::is_middle;
 use crate::roombots::torque::{Load, torques};
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 /// The largest mass of an element, in grams: 20 kg, more than any metamodule lifts.
 pub const MAX_GRAMS: u32 = 20_000;
 
 /// The largest torques of the joints, in µNm.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Limits {
     /// Of the outer joints.
     pub outer: u32,
@@ -28,7 +29,7 @@ impl Limits {
 }
 
 /// The largest torque during a step, in µNm.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Peak {
     /// On the outer joints.
     pub outer: u32,

@@ -15,8 +15,9 @@ use crate::roombots::Kind;
 use crate::roombots::database::{CellSet, Database, Table};
 use crate::roombots::lattice_pose::LatticePose;
 use std::cell::RefCell;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::rc::Rc;
+use std::sync::Arc;
 
 /// The number of a foothold.
 pub type Foothold = u16;
@@ -86,14 +87,13 @@ type SameWays = (LatticePose, [*const u16; 4], (u8, u8));
 
 /// The graphs of a terrain.
 pub struct Scene {
-    database: Rc<Database>,
+    database: Arc<Database>,
     kind: Kind,
     terrain: Terrain,
     footholds: Vec<LatticePose>,
     carry: Vec<CarryTable>,
-    loads: BTreeMap<(u8, Face), LoadTable>,
-    grams: u32,
-    limits: Limits,
+    /// By grip and direction of gravity, the steps within the limits of torque.
+    within: BTreeMap<(u8, Face), Vec<bool>>,
     handovers: BTreeMap<(u8, u8), HandoverTable>,
     landings: Vec<Vec<Landing>>,
     empty: Vec<Sets>,
@@ -107,7 +107,7 @@ pub struct Scene {
 impl Scene {
     /// Makes the graphs for an element of this mass.
     pub fn new(
-        database: Rc<Database>,
+        database: Arc<Database>,
         kind: Kind,
         element: &Element,
         grams: u32,
@@ -115,22 +115,36 @@ impl Scene {
         terrain: Terrain,
     ) -> Scene {
         let carry = CarryTable::all(&database, kind, element);
-        let mut handovers = BTreeMap::new();
-        for (g, holder) in carry.iter().enumerate() {
-            for (h, taker) in carry.iter().enumerate() {
-                let sets = [holder, taker].map(CarryTable::valid_postures);
-                let table = HandoverTable::between(database.table(kind), element, [holder, taker], sets);
-                handovers.insert((g as u8, h as u8), table);
+        let down: BTreeSet<Face> = terrain.footholds().into_iter().map(gravity).collect();
+        let mut within = BTreeMap::new();
+        for (grip, carry) in (0..).zip(&carry) {
+            for down in &down {
+                let loads = LoadTable::new(database.table(kind), carry, *down);
+                let steps = 0..carry.steps().len();
+                let steps = steps.map(|step| loads.peak(step, grams).within(limits)).collect();
+                within.insert((grip, *down), steps);
             }
         }
+        let handovers = hand_overs(database.table(kind), element, &carry);
+        Scene::of_tables(database, carry, within, handovers, terrain)
+    }
+
+    /// Makes the graphs from tables of one kind: carry tables by grip, with the steps that are within the limits of torque by
+    /// grip and direction of gravity, and the hand-overs between grips, of which those that are missing are not used.
+    pub fn of_tables(
+        database: Arc<Database>,
+        carry: Vec<CarryTable>,
+        within: BTreeMap<(u8, Face), Vec<bool>>,
+        handovers: BTreeMap<(u8, u8), HandoverTable>,
+        terrain: Terrain,
+    ) -> Scene {
         let footholds = terrain.footholds();
+        let kind = carry.first().map_or(Kind::Srs, CarryTable::kind);
         let mut scene = Scene {
             kind,
             terrain,
             carry,
-            loads: BTreeMap::new(),
-            grams,
-            limits,
+            within,
             handovers,
             landings: Vec::new(),
             empty: Vec::new(),
@@ -198,7 +212,7 @@ impl Scene {
     }
     /// Returns true if a step of a holder at a foothold is within the limits of torque.
     pub fn is_within_limits(&self, foothold: Foothold, grip: u8, step: usize) -> bool {
-        self.loads[&(grip, gravity(self.pose(foothold)))].peak(step, self.grams).within(self.limits)
+        self.within.get(&(grip, gravity(self.pose(foothold)))).is_some_and(|steps| steps[step])
     }
 
     /// Returns all ways to hold the element in these cells: the hold and the posture.
@@ -267,16 +281,12 @@ impl Scene {
             let mut of_grips = Vec::new();
             for (grip, carry) in self.carry.iter().enumerate() {
                 let grip = grip as u8;
-                let table = self.database.table(self.kind);
-                let loads =
-                    self.loads.entry((grip, down)).or_insert_with(|| LoadTable::new(table, carry, down));
+                let within = self.within.get(&(grip, down));
                 let blocked = carry.set(|cell| self.terrain.is_blocked(world_cell(pose, cell)));
                 let key = (grip, down, blocked.words().to_vec());
                 let sets = known.entry(key).or_insert_with(|| {
-                    let passes = |i: usize| {
-                        !carry.steps()[i].swept.meets(&blocked)
-                            && loads.peak(i, self.grams).within(self.limits)
-                    };
+                    let is_within = |i: usize| within.is_some_and(|steps| steps[i]);
+                    let passes = |i: usize| !carry.steps()[i].swept.meets(&blocked) && is_within(i);
                     first_postures(carry, &blocked, passes)
                 });
                 of_grips.push(sets.clone());
@@ -344,6 +354,22 @@ impl Scene {
             })
         }
     }
+}
+
+/// Generates the hand-overs between all grips of an element.
+pub fn hand_overs(
+    table: &Table,
+    element: &Element,
+    carry: &[CarryTable],
+) -> BTreeMap<(u8, u8), HandoverTable> {
+    let mut all = BTreeMap::new();
+    for (g, holder) in (0..).zip(carry) {
+        for (h, taker) in (0..).zip(carry) {
+            let sets = [holder, taker].map(CarryTable::valid_postures);
+            all.insert((g, h), HandoverTable::between(table, element, [holder, taker], sets));
+        }
+    }
+    all
 }
 
 /// Returns for each posture the first one of its set.

@@ -25,7 +25,12 @@ pub struct Terrain {
 impl Terrain {
     /// Creates a floor with corner (0, 0).
     pub fn floor(size: (i16, i16)) -> Terrain {
-        let connectors = (0..size.0).flat_map(|x| (0..size.1).map(move |y| [2 * x, 2 * y, 0]));
+        Terrain::rectangle((0, 0), (size.0 - 1, size.1 - 1))
+    }
+
+    /// Creates a floor with these corners, both included.
+    pub fn rectangle(min: (i16, i16), max: (i16, i16)) -> Terrain {
+        let connectors = (min.0..=max.0).flat_map(|x| (min.1..=max.1).map(move |y| [2 * x, 2 * y, 0]));
         let connectors = connectors.map(|half| GridConnector { half, normal: Face::Up }).collect();
         Terrain { connectors, room: [i16::MIN..=i16::MAX, 0..=i16::MAX] }
     }

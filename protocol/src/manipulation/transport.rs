@@ -27,12 +27,25 @@ const MEMORY: usize = 256 << 20;
 pub struct Task {
     /// The metamodules.
     pub bodies: Vec<Body>,
-    /// The cells of the element, at rest.
+    /// The cells of the element at the start, sorted.
     pub start: Vec<Cell>,
+    /// The metamodule that holds it there, with its grip; `None` if it is at rest.
+    pub held_by: Option<(u8, u8)>,
     /// The cells where a metamodule shall hold it.
     pub goal: Vec<Cell>,
+    /// If given, the metamodule that holds it then must be in the cells of one of these, from the foot on.
+    pub ends: Option<Vec<[Cell; 4]>>,
+    /// Cells that nothing may enter, besides those behind the planes.
+    pub fixed: Vec<Cell>,
     /// The weight of the lower bound in hundredths; 100 for a plan that is minimal in the relaxed graph.
     pub weight: u32,
+}
+
+impl Task {
+    /// Creates the task to bring an element that is at rest to a goal, where any metamodule may hold it.
+    pub fn new(bodies: Vec<Body>, start: Vec<Cell>, goal: Vec<Cell>, weight: u32) -> Task {
+        Task { bodies, start, held_by: None, goal, ends: None, fixed: Vec::new(), weight }
+    }
 }
 
 /// Why there is no plan with lattice angles in which the element is always held.
@@ -142,6 +155,9 @@ pub fn plan(ground: &Ground<'_>, task: &Task) -> Answer {
                 return Answer::Plan(Plan { actions, hand_overs, relaxed, lower, refutations });
             }
             Err(failed) => {
+                if edges.is_empty() {
+                    return Answer::Undecided { refutations };
+                }
                 // The last edge leads to a goal that cannot be taken from there.
                 let edge = failed.min(path.keys.len() - 2);
                 graph.banned.insert((path.keys[edge].clone(), path.keys[edge + 1].clone()));
@@ -156,6 +172,8 @@ struct Relaxed<'a> {
     task: &'a Task,
     picks: Vec<(Hold, u16)>,
     places: Vec<(Hold, u16)>,
+    /// How the element is held at the start.
+    held: Option<(u8, Hold)>,
     /// The fewest hand-overs from a hold to the goal.
     left: HashMap<Hold, u16>,
     /// Edges that cannot be carried out.
@@ -183,25 +201,40 @@ impl<'a> Relaxed<'a> {
             holds.retain(|(hold, _)| ground.exists(hold.foothold));
             holds
         };
-        let (picks, places) = (holds(&task.start), holds(&task.goal));
-        if picks.is_empty() {
+        let scene = ground.scene();
+        let held = task.held_by.map(|(holder, grip)| {
+            let Body { foothold, posture } = task.bodies[usize::from(holder)];
+            let set = scene.holding(foothold, grip)[usize::from(posture)];
+            (holder, Hold { foothold, grip, set })
+        });
+        let picks = if held.is_some() { Vec::new() } else { holds(&task.start) };
+        let mut places = holds(&task.goal);
+        if let Some(ends) = &task.ends {
+            places.retain(|(hold, posture)| ends.contains(&scene.body(hold.foothold, *posture)));
+        }
+        if picks.is_empty() && held.is_none_or(|(_, hold)| hold.set == NO_SET) {
             return Err(Reason::NoGrip);
         }
         if places.is_empty() {
             return Err(Reason::NoPlace);
         }
         let left = hand_overs_left(ground, &places);
-        if !picks.iter().any(|(hold, _)| left.contains_key(hold)) {
+        let holds = picks.iter().map(|(hold, _)| hold).chain(held.iter().map(|(_, hold)| hold));
+        if !holds.into_iter().any(|hold| left.contains_key(hold)) {
             return Err(Reason::NoTransfer);
         }
-        Ok(Relaxed { ground, task, picks, places, left, banned: BTreeSet::new() })
+        Ok(Relaxed { ground, task, picks, places, held, left, banned: BTreeSet::new() })
     }
 
     fn start(&self) -> State {
         let stand = |body: &Body| {
             (body.foothold, self.ground.scene().empty(body.foothold)[usize::from(body.posture)])
         };
-        State { holder: None, stands: self.task.bodies.iter().map(stand).collect() }
+        let mut stands: Vec<Stand> = self.task.bodies.iter().map(stand).collect();
+        if let Some((holder, hold)) = self.held {
+            stands[usize::from(holder)] = (hold.foothold, NO_SET);
+        }
+        State { holder: self.held, stands }
     }
 
     fn empty(&self, hold: &Hold, posture: u16) -> u16 {
@@ -211,8 +244,8 @@ impl<'a> Relaxed<'a> {
     /// Carries out edges from the start, and then places the element. On failure returns the number of the edge that
     /// cannot be carried out; the number of all edges if it is the placing.
     fn carried_out(&self, edges: &[Edge]) -> Result<Situation<'a>, usize> {
-        let mut at = Situation::new(self.ground, self.task.bodies.clone(), self.task.start.clone());
-        let mut last = None;
+        let mut at = Situation::new(self.ground, self.task);
+        let mut last = self.held.map(|(_, hold)| hold);
         for (i, edge) in edges.iter().enumerate() {
             let (next, hold) = match edge {
                 Edge::PickUp { taker, hold, came } => {

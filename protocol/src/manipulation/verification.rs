@@ -3,6 +3,7 @@
 use super::handover::Pair;
 use super::scene::{Foothold, Hold, Way};
 use super::terrain::world_cell;
+use super::transport::Task;
 use super::walking::{Body, Ground, Motion, Walk, degrees_of};
 use crate::lattice::Cell;
 use crate::roombots::posture::Posture;
@@ -48,14 +49,23 @@ pub struct Situation<'a> {
     holder: Option<(usize, u8)>,
     /// The cells of the element, sorted.
     element: Vec<Cell>,
+    /// Cells that nothing may enter.
+    fixed: &'a [Cell],
     /// What was done so far.
     pub actions: Vec<Action>,
 }
 
 impl<'a> Situation<'a> {
     /// Creates the situation at the start of a task.
-    pub fn new(ground: &'a Ground<'a>, bodies: Vec<Body>, element: Vec<Cell>) -> Situation<'a> {
-        Situation { ground, bodies, holder: None, element, actions: Vec::new() }
+    pub fn new(ground: &'a Ground<'a>, task: &'a Task) -> Situation<'a> {
+        Situation {
+            ground,
+            bodies: task.bodies.clone(),
+            holder: task.held_by.map(|(holder, grip)| (usize::from(holder), grip)),
+            element: task.start.clone(),
+            fixed: &task.fixed,
+            actions: Vec::new(),
+        }
     }
 
     /// Returns the situation after a metamodule has walked to the element and gripped it, by the first of `holds` to which
@@ -138,6 +148,7 @@ impl<'a> Situation<'a> {
         if self.holder.is_none_or(|(holder, _)| holder != mover) {
             cells.extend(&self.element);
         }
+        cells.extend(self.fixed);
         cells
     }
 

@@ -57,7 +57,7 @@ impl World {
 
     /// Returns the task, for a search with this weight in hundredths.
     pub fn task(&self, weight: u32) -> Task {
-        Task { bodies: self.bodies.clone(), start: vec![self.start], goal: vec![self.goal], weight }
+        Task::new(self.bodies.clone(), vec![self.start], vec![self.goal], weight)
     }
 }
 

@@ -242,7 +242,10 @@ impl Metamodule {
     fn look(&mut self, now: Time) {
         let next_expiry = self.locks.expire(now);
         let (v, idle) = (self.view(now), |look_at| Phase::Idle { look_at });
-        if self.own.settled.is_some() {
+        if let Some(plan) = self.policy.handling(v) {
+            // It sweeps no cell, so there is nothing to be granted.
+            self.begin(now, now, plan);
+        } else if self.own.settled.is_some() {
             self.phase = idle(Time::NEVER);
         } else if now < self.own.quarantine_until {
             self.phase = idle(self.own.quarantine_until);
@@ -281,8 +284,8 @@ impl Metamodule {
         hit(CoveragePoint::MetaJointsTried);
         let v = self.view(now);
         let mut taken = v.fixed();
-        taken.extend(v.neighbours.states().flat_map(|(_, s)| v.motions().cells(s.pose)));
-        taken.extend(v.locks.cells(v.motions()));
+        taken.extend(v.neighbours.states().flat_map(|(_, s)| v.setup.occupied(s.pose)));
+        taken.extend(v.locks.cells(v.setup));
         let trial = JointTrial::find(&v.ground(&taken), v.own.pose);
         let later = now + v.params().patience * STUCK_FOR;
         let (again, plan) = match trial {

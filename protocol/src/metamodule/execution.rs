@@ -170,7 +170,6 @@ impl Metamodule {
 
 /// Whether a dead body stands in the way of a motion.
 fn meets_the_dead(v: View<'_>, plan: &Plan) -> bool {
-    let motions = v.motions();
-    let dead: Vec<Cell> = v.neighbours.dead.values().flat_map(|pose| motions.cells(*pose)).collect();
-    motions.swept(plan.from.state, plan.sweep).any(|cell| dead.contains(&cell))
+    let dead: Vec<Cell> = v.neighbours.dead.values().flat_map(|pose| v.setup.occupied(*pose)).collect();
+    plan.cells(v.setup).any(|cell| dead.contains(&cell))
 }

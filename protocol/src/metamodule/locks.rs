@@ -5,7 +5,8 @@
 //! holder runs from its request on, so it always ends first, whatever the message delay.
 
 use super::message::{Denial, Message, Rank};
-use super::motions::{Motions, Sweep};
+use super::motions::Sweep;
+use super::params::Setup;
 use super::phase::Phase;
 use super::plan::Plan;
 use super::pose::Pose;
@@ -66,8 +67,8 @@ impl LockTable {
         self.0.iter().enumerate().filter_map(|(i, slot)| Some((Port(i as u8), slot.grant.as_ref()?)))
     }
     /// Iterates over the cells granted to neighbours.
-    pub fn cells<'a>(&'a self, motions: &'a Motions) -> impl Iterator<Item = Cell> + 'a {
-        self.iter().flat_map(|(_, g)| motions.swept(g.pose.state, g.sweep))
+    pub fn cells<'a>(&'a self, setup: &'a Setup) -> impl Iterator<Item = Cell> + 'a {
+        self.iter().flat_map(|(_, g)| setup.lock_cells(g.pose, g.sweep, g.ends))
     }
     pub fn grant(&mut self, port: Port, grant: Grant) {
         if let Some(slot) = self.0.get_mut(port.index()) {
@@ -131,19 +132,21 @@ pub(super) enum Verdict {
 /// Decides whether a neighbour is granted all cells of a motion. `own` is the precedence of this metamodule's
 /// own attempt.
 pub(super) fn judge(v: View<'_>, phase: &Phase, own: Precedence, request: &Request) -> Verdict {
-    let motions = v.motions();
     if v.has(Defect::GrantEverything) {
         return Verdict::Granted;
     }
     if v.now < v.own.quarantine_until && !v.has(Defect::GrantAfterRestart) {
         return Verdict::Denied(Denial::Quarantined);
     }
-    let meets = |cells: &[Cell]| motions.swept(request.pose.state, request.sweep).any(|c| cells.contains(&c));
+    let asked = || v.setup.lock_cells(request.pose, request.sweep, request.ends);
+    let meets = |cells: &[Cell]| asked().any(|c| cells.contains(&c));
     let crosses = |plan: &Plan| {
-        let cells: Vec<Cell> = motions.swept(plan.from.state, plan.sweep).collect();
+        let cells: Vec<Cell> = plan.cells(v.setup).collect();
         meets(&cells)
     };
-    if meets(&motions.cells(v.own.pose)) {
+    // An element that both hold belongs to neither.
+    let occupied: Vec<Cell> = v.setup.occupied(v.own.pose).collect();
+    if meets(&occupied) {
         return Verdict::Denied(Denial::Occupied);
     }
     match phase {
@@ -210,11 +213,10 @@ impl Requester {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metamodule::pose::End;
     use crate::roombots::grid::GridState;
 
     fn grant(token: u32, until: u64) -> Grant {
-        let pose = Pose { state: GridState::new(0, 0, 0), end: End::Foot, both: false, posture: 0 };
+        let pose = Pose::standing(GridState::new(0, 0, 0), 0);
         Grant { token: Token(token), pose, sweep: Sweep(1), ends: 0, until: Time(until) }
     }
 

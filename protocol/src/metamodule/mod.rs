@@ -24,11 +24,15 @@
 //! *Progress* is not promised by the strategies of the thesis: the force field has local minima, and
 //! that is what the experiment measures. `negotiated` has no field; what it promises is in
 //! `docs/negotiated.md`. Deliberately absent: gripping other metamodules; walls.
+//!
+//! *Elements.* `elements` has the passive elements of a swarm. Under `planned` metamodules carry them, by single steps
+//! that are locked like all motions (see `docs/manipulation.md`).
 
 mod agent;
 pub mod blueprint;
 mod detector;
 mod digest;
+pub mod elements;
 mod execution;
 mod inputs;
 mod locks;

@@ -92,6 +92,10 @@ impl Motions {
     pub fn kind(&self) -> Kind {
         self.kind
     }
+    /// Returns the motion database.
+    pub fn database(&self) -> &Arc<Database> {
+        &self.database
+    }
     /// The table of the kind.
     pub fn table(&self) -> &Table {
         self.database.table(self.kind)

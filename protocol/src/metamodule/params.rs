@@ -1,6 +1,7 @@
 //! What all metamodules of a swarm share: the force field's parameters, times, floor, goal, motions.
 
 use super::blueprint::{Blueprint, Seed, Task};
+use super::elements::Elements;
 use super::motions::Motions;
 use crate::defects::Defect;
 use crate::roombots::Kind;
@@ -243,6 +244,8 @@ pub struct Setup {
     pub goals: Vec<Blueprint>,
     /// The motion database of the metamodules' kind.
     pub motions: Motions,
+    /// The passive elements.
+    pub elements: Elements,
 }
 
 impl Setup {

@@ -2,7 +2,7 @@
 
 use super::message::{Action, BodyAction, Percept, Refusal};
 use super::plan::{Aim, Plan};
-use super::pose::Pose;
+use super::pose::{Load, Pose};
 use super::view::View;
 use crate::coverage::{CoveragePoint, hit};
 use crate::defects::Defect;
@@ -122,6 +122,8 @@ impl Motion {
             (Some(step), _) => (BodyAction::Turn(*step), params.turn_time),
             (None, Aim::Settle(_)) => return Next::Settled,
             (None, Aim::Shift) => return Next::Shifted,
+            (None, Aim::Handle(Load::NONE)) => (BodyAction::LetGo, params.connect_time),
+            (None, Aim::Handle(load)) => (BodyAction::Grip(load), params.connect_time),
             (None, Aim::Land) if v.own.pose.both => (BodyAction::Detach, params.connect_time),
             (None, Aim::Land) => (BodyAction::Attach, params.connect_time),
         };

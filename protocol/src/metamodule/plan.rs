@@ -1,8 +1,10 @@
 //! One motion of a metamodule, to be locked as a whole.
 
 use super::motions::Sweep;
+use super::params::Setup;
 use super::planning::paths::Ground;
-use super::pose::Pose;
+use super::pose::{Load, Pose};
+use crate::lattice::Cell;
 
 /// What a motion is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -13,6 +15,8 @@ pub(super) enum Aim {
     Settle(u8),
     /// Taking another shape, to be less in the way.
     Shift,
+    /// Gripping an element or letting it go; this is what the free end holds then.
+    Handle(Load),
 }
 
 /// A motion from one pose. The digest hashes its fields in this order.
@@ -23,7 +27,7 @@ pub(super) struct Plan {
     /// The steps, by their numbers in the database.
     pub steps: Vec<u16>,
     /// All cells that the motion needs, seen from `from`: those that its steps sweep (core and graze), and those that
-    /// the body fills at the beginning.
+    /// the body fills at the beginning. Empty with an element: see [`Setup::lock_cells`].
     pub sweep: Sweep,
     /// The posture at the end.
     pub ends: u16,
@@ -39,6 +43,26 @@ impl Plan {
         let path = graph.path(from.posture, posture, ground.taken_at(from))?;
         let sweep = Sweep(path.swept | graph.filled_bits(from.posture));
         Some(Plan { from, steps: path.steps.to_vec(), sweep, ends: posture, aim, non_blocking: false })
+    }
+
+    /// Returns the motion of one step with the element that the metamodule holds; `None` if there is no such step, it
+    /// meets a taken cell, or it is over the limits of torque.
+    pub fn carry(setup: &Setup, from: Pose, posture: u16, taken: &[Cell], aim: Aim) -> Option<Plan> {
+        let step = setup.carried_step(from, posture)?;
+        let allowed = step.peak.within(setup.elements.limits());
+        let is_free = || !step.cells.iter().any(|cell| taken.contains(cell));
+        let (steps, sweep) = (vec![step.number], Sweep::default());
+        (allowed && is_free()).then_some(Plan { from, steps, sweep, ends: posture, aim, non_blocking: false })
+    }
+
+    /// Returns the motion that grips an element or lets it go. It sweeps no cell.
+    pub fn handle(from: Pose, load: Load) -> Plan {
+        Plan { aim: Aim::Handle(load), ..Plan::let_go(from) }
+    }
+
+    /// Returns all cells that the motion needs.
+    pub fn cells<'a>(&self, setup: &'a Setup) -> impl Iterator<Item = Cell> + use<'a> {
+        setup.lock_cells(self.from, self.sweep, self.ends)
     }
 
     /// Returns the motion that only detaches the end that has been attached for longer. It sweeps no cell.

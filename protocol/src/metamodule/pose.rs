@@ -5,6 +5,7 @@ use crate::lattice::Cell;
 use crate::roombots::grid::GridState;
 use crate::wire::{Decoder, Encoder, Wire, WireError};
 use serde::{Deserialize, Serialize};
+use std::hash::{Hash, Hasher};
 
 /// One of the two ends that can grip (thesis 4.1.3: the foot connector and the head connector).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -26,8 +27,40 @@ impl End {
     }
 }
 
-/// Where a metamodule stands.
+/// What the free end of a metamodule holds: nothing, or an element in one of the grips of
+/// [`Elements`](super::elements::Elements).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct Load(u8);
+
+impl Load {
+    /// No element.
+    pub const NONE: Load = Load(0);
+    /// The largest number of grips.
+    pub const MAX_GRIPS: usize = u8::MAX as usize;
+
+    /// Returns the load in the grip with this number; `None` from [`Load::MAX_GRIPS`] on.
+    pub fn of_grip(grip: usize) -> Option<Load> {
+        u8::try_from(grip + 1).ok().map(Load)
+    }
+    /// Returns the number of the grip; `None` without an element.
+    pub const fn grip(self) -> Option<usize> {
+        match self.0 {
+            0 => None,
+            n => Some(n as usize - 1),
+        }
+    }
+    /// Writes one byte.
+    pub(crate) fn encode(self, out: &mut Encoder) {
+        out.u8(self.0);
+    }
+    /// Reads one byte.
+    pub(crate) fn decode(from: &mut Decoder<'_>) -> Result<Load, WireError> {
+        from.u8().map(Load)
+    }
+}
+
+/// Where a metamodule stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Pose {
     /// The connector that holds it, and how it is turned there.
     pub state: GridState,
@@ -37,9 +70,27 @@ pub struct Pose {
     pub both: bool,
     /// The number of the posture in the motion database of its kind.
     pub posture: u16,
+    /// What the free end holds.
+    pub load: Load,
+}
+
+/// Without an element a pose hashes as before there were elements, so that traces stay comparable.
+impl Hash for Pose {
+    fn hash<H: Hasher>(&self, hasher: &mut H) {
+        let Pose { state, end, both, posture, load } = self;
+        (state, end, both, posture).hash(hasher);
+        if *load != Load::NONE {
+            load.hash(hasher);
+        }
+    }
 }
 
 impl Pose {
+    /// Returns the pose of a metamodule that is attached by its foot only and holds nothing.
+    pub const fn standing(state: GridState, posture: u16) -> Pose {
+        Pose { state, end: End::Foot, both: false, posture, load: Load::NONE }
+    }
+
     /// The connector cell that holds it.
     pub const fn foot(self) -> (i16, i16) {
         (self.state.x, self.state.y)
@@ -50,7 +101,7 @@ impl Pose {
         out.u16(self.state.x as u16);
         out.u16(self.state.y as u16);
         out.u8(self.state.class | (self.end as u8) << 2 | u8::from(self.both) << 3);
-        out.u8(0);
+        self.load.encode(out);
         out.u16(self.posture);
     }
 
@@ -58,15 +109,15 @@ impl Pose {
     pub fn decode(from: &mut Decoder<'_>) -> Result<Pose, WireError> {
         let (x, y) = (from.u16()? as i16, from.u16()? as i16);
         let flags = from.u8()?;
-        let zero = from.u8()?;
+        let load = Load::decode(from)?;
         let posture = from.u16()?;
         let far = |c: i16| c.unsigned_abs() > Cell::LIMIT.unsigned_abs();
-        if flags > 15 || zero != 0 || far(x) || far(y) || posture >= MAX_POSTURES {
+        if flags > 15 || far(x) || far(y) || posture >= MAX_POSTURES {
             return Err(WireError::Field("pose"));
         }
         let end = if flags & 4 == 0 { End::Foot } else { End::Head };
         let state = GridState::new(x, y, flags & 3);
-        Ok(Pose { state, end, both: flags & 8 != 0, posture })
+        Ok(Pose { state, end, both: flags & 8 != 0, posture, load })
     }
 }
 

@@ -22,7 +22,7 @@ impl Metamodule {
             Phase::Moving(motion) if now <= motion.until => Some(motion),
             _ => None,
         };
-        motion.into_iter().flat_map(|m| self.setup.motions.swept(m.plan.from.state, m.plan.sweep))
+        motion.into_iter().flat_map(|m| m.plan.cells(&self.setup))
     }
     /// Returns when the lease of its present motion's lock ends; `None` while it does not move.
     pub fn locked_until(&self) -> Option<Time> {

@@ -2,7 +2,7 @@
 
 use super::blueprint::Task;
 use super::params::Setup;
-use super::pose::{End, Pose};
+use super::pose::Pose;
 use crate::lattice::Cell;
 use crate::metamodule::planning::paths::Ground;
 use crate::rng::Rng;
@@ -38,7 +38,7 @@ pub struct Start {
 const TRIES: usize = 100;
 
 /// Draws places for `count` metamodules: any connector outside the rectangle around the seeds' feet
-/// grown by one, at least two cells from each other along x or y, turned in any of the four ways. None
+/// grown by one and not next to an element, at least two cells from each other along x or y, turned in any of the four ways. None
 /// is shut in: each can get away from where it starts while the others stand where they stand.
 /// (PAR has landings in front of it only: in a corner, turned to the wall, it has none at all, and two at
 /// one wall can be each other's only way out for ever.)
@@ -79,6 +79,7 @@ fn draw(setup: &Setup, count: usize, rng: &mut Rng) -> Vec<Pose> {
     let mut free: Vec<(i16, i16)> = (floor.min.0..=floor.max.0)
         .flat_map(|i| (floor.min.1..=floor.max.1).map(move |j| (i, j)))
         .filter(|(i, j)| !(x.0..=x.1).contains(i) || !(y.0..=y.1).contains(j))
+        .filter(|(i, j)| !lying(setup).any(|c| c.x.abs_diff(*i).max(c.y.abs_diff(*j)) <= 1))
         .collect();
     // Invariant: the zero posture stands upright and is in every database.
     let posture = setup.motions.table().find(Posture::zero(setup.kind())).unwrap_or(0);
@@ -87,16 +88,21 @@ fn draw(setup: &Setup, count: usize, rng: &mut Rng) -> Vec<Pose> {
         let at = free[rng.below(free.len() as u64) as usize];
         free.retain(|f| f.0.abs_diff(at.0).max(f.1.abs_diff(at.1)) >= 2);
         let state = GridState::new(at.0, at.1, rng.below(4) as u8);
-        poses.push(Pose { state, end: End::Foot, both: false, posture });
+        poses.push(Pose::standing(state, posture));
     }
     poses
+}
+
+/// The cells of all elements at the start.
+fn lying(setup: &Setup) -> impl Iterator<Item = Cell> + '_ {
+    setup.elements.all().iter().flat_map(|element| element.start.iter().copied())
 }
 
 fn any_shut_in(setup: &Setup, poses: &[Pose]) -> bool {
     let motions = &setup.motions;
     poses.iter().enumerate().any(|(i, pose)| {
         let others = poses.iter().enumerate().filter(|(j, _)| *j != i);
-        let taken: Vec<Cell> = others.flat_map(|(_, p)| motions.cells(*p)).collect();
+        let taken: Vec<Cell> = others.flat_map(|(_, p)| motions.cells(*p)).chain(lying(setup)).collect();
         let ground = Ground { motions, floor: setup.floor, taken: &taken };
         ground.is_shut_in(*pose)
     })
@@ -106,6 +112,7 @@ fn any_shut_in(setup: &Setup, poses: &[Pose]) -> bool {
 mod tests {
     use super::*;
     use crate::metamodule::blueprint::{Blueprint, SeedOrder, box_of_four};
+    use crate::metamodule::elements::Elements;
     use crate::metamodule::motions::Motions;
     use crate::metamodule::params::{Floor, Params, Strategy};
     use crate::roombots::Kind;
@@ -120,6 +127,7 @@ mod tests {
             floor: Floor { min: (0, 0), max: (12, 12) },
             goals: vec![Blueprint::new(&box_of_four(5, 5), SeedOrder::Circular).unwrap()],
             motions: Motions::new(Arc::new(Database::build()), Kind::Par).unwrap(),
+            elements: Elements::NONE,
         };
         for seed in 0..100 {
             let poses = random_start(&setup, 6, seed).unwrap();

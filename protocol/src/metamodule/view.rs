@@ -82,9 +82,16 @@ impl<'a> View<'a> {
     pub fn any_unheard(self) -> bool {
         self.neighbours.any_unheard(self.own.pose.foot(), self.params().communication_range)
     }
+    /// Returns true if another metamodule is known to hold the element that this one holds. The dead hold on.
+    pub fn shares_element(self) -> bool {
+        let own = self.setup.elements.of(self.own.pose.load);
+        let neighbours = self.neighbours.states().map(|(_, state)| state.pose);
+        let mut others = neighbours.chain(self.neighbours.dead.values().copied());
+        own.is_some() && others.any(|pose| self.setup.elements.of(pose.load) == own)
+    }
     /// Cells of the dead and of obstacles.
     pub fn fixed(self) -> Vec<Cell> {
-        let dead = self.neighbours.dead.values().flat_map(|p| self.motions().cells(*p));
+        let dead = self.neighbours.dead.values().flat_map(|p| self.setup.occupied(*p));
         self.neighbours.obstacles.iter().copied().chain(dead).collect()
     }
     /// Returns the floor with the cells `taken`, for route searches.

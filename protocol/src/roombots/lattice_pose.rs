@@ -5,13 +5,14 @@
 
 use crate::lattice::{Cell, Face};
 use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
 use std::ops::Mul;
 
 /// An integer vector, in half cells when it is a position.
 pub type Half = [i16; 3];
 
 /// A rotation of the cube: a signed permutation matrix of determinant 1, by rows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct LatticeRotation([[i8; 3]; 3]);
 
 impl LatticeRotation {
@@ -98,7 +99,7 @@ impl Mul for LatticeRotation {
 }
 
 /// A pose of the lattice.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct LatticePose {
     /// The rotation of the frame.
     pub rotation: LatticeRotation,

@@ -2,6 +2,7 @@
 //! certifies deaths, watches progress and decides how the run ends.
 
 mod diagnosis;
+mod elements;
 mod plan_execution;
 
 use crate::director::fault_injector::FaultInjector;
@@ -22,7 +23,7 @@ use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
-use plan_execution::{PlanExecution, Swarm};
+use plan_execution::PlanExecution;
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 
@@ -265,7 +266,7 @@ impl MetamoduleDirector {
         };
         self.faults.inject(now, fault, false, format!("{cell}: {effect}"), &mut self.commands);
         if done {
-            self.obstacles.clone_from(world.obstacles());
+            self.obstacles = world.obstacles().iter().copied().chain(world.resting()).collect();
             self.order_all(Order::Obstacle { cell, there });
             self.disturb();
             self.relocate(now, world);
@@ -282,12 +283,10 @@ impl MetamoduleDirector {
 
     /// Plans and orders what is due.
     fn carry_out(&mut self, now: Time, world: &MetamoduleWorld) {
-        let stays = self.foreign(world).into_iter().collect();
-        let (setup, task, filled) = (&self.setup, self.task, self.filled);
-        if let Some(execution) = &mut self.execution {
-            let swarm = Swarm { setup, known: &self.known, task, filled, stays };
-            execution.step(now, &swarm, &mut self.commands);
-        }
+        let Some(mut execution) = self.execution.take() else { return };
+        let mut commands = std::mem::take(&mut self.commands);
+        execution.step(now, &self.swarm(world), &mut commands);
+        (self.execution, self.commands) = (Some(execution), commands);
     }
 
     fn order_all(&mut self, order: Order) {
@@ -350,6 +349,7 @@ impl MetamoduleDirector {
                 fixed.extend(world.cells(id));
             }
         }
+        fixed.extend((0..world.elements()).flat_map(|e| world.element(e)));
         let setup = Arc::clone(&self.setup);
         Standstill { setup, task: self.task, filled: self.filled, free, fixed }
     }
@@ -448,7 +448,7 @@ impl MetamoduleDirector {
     fn watch(&mut self, now: Time, world: &MetamoduleWorld) {
         let deeds = world.deeds();
         self.moves = deeds.moves;
-        let done = deeds.turns + deeds.moves + deeds.released;
+        let done = deeds.turns + deeds.moves + deeds.released + deeds.grips + deeds.let_go;
         if done != self.done {
             self.done = done;
             self.last_deed = now;
@@ -463,7 +463,11 @@ impl MetamoduleDirector {
                 self.order_all(order);
             }
         }
-        if self.changes.is_empty() && self.filled.holds(self.setup.goal(self.task).all()) {
+        if world.elements() > 0 {
+            self.tell_obstacles(world);
+        }
+        let is_filled = self.filled.holds(self.setup.goal(self.task).all());
+        if self.changes.is_empty() && is_filled && self.are_elements_placed(world) {
             return self.finish(now, Outcome::Built);
         }
         let cut = now < self.stop.planned_until;

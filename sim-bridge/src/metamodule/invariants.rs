@@ -2,11 +2,62 @@
 
 use crate::world::invariants::Invariant;
 use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::manipulation::load::{Limits, Peak};
 
 /// A metamodule is attached to a connector of the floor by at least one end.
 pub const ATTACHED: Invariant = Invariant::new("attached");
 /// A cell is locked by one metamodule at a time.
 pub const ONE_HOLDER_PER_LOCK: Invariant = Invariant::new("one-holder-per-lock");
+
+/// An element is held by the latches of attached metamodules, each of which has it where it is, or it rests.
+pub const ELEMENT_HELD: Invariant = Invariant::new("element-held");
+/// No cell of an element is in a body, in another element or in an obstacle.
+pub const ELEMENT_SPACE: Invariant = Invariant::new("element-space");
+/// No joint of a holder turns while an element has two holders.
+pub const CLOSED_CHAIN: Invariant = Invariant::new("closed-chain");
+/// The cells of an element keep their number and their colours.
+pub const ELEMENT_COLOUR: Invariant = Invariant::new("element-colour");
+/// No joint exceeds its torque with an element.
+pub const TORQUE: Invariant = Invariant::new("torque");
+
+/// Checks [`ELEMENT_HELD`]: for each holder, whether it is attached and has the element where it is.
+pub fn element_held(holders: &[bool], rests: bool) -> Result<(), String> {
+    match holders {
+        [] if !rests => Err("no metamodule holds it, and it does not rest".into()),
+        _ if !holders.iter().all(|in_place| *in_place) => Err("a holder has let go or is elsewhere".into()),
+        _ => Ok(()),
+    }
+}
+
+/// Checks [`ELEMENT_SPACE`] for the cells of an element, and those of everything else.
+pub fn element_space(element: &[Cell], mut others: impl Iterator<Item = Cell>) -> Result<(), String> {
+    match others.find(|c| element.contains(c)) {
+        Some(cell) => Err(format!("something else is in {cell}")),
+        None => Ok(()),
+    }
+}
+
+/// Checks [`CLOSED_CHAIN`]: the number of holders of an element, and how many of them turn.
+pub fn closed_chain(holders: usize, turning: usize) -> Result<(), String> {
+    if holders > 1 && turning > 0 { Err(format!("{turning} of {holders} holders turn")) } else { Ok(()) }
+}
+
+/// Checks [`ELEMENT_COLOUR`]: the number of cells, and of those of odd colour, at the start and now.
+pub fn element_colour(start: (usize, usize), now: (usize, usize)) -> Result<(), String> {
+    let text = |(all, odd)| format!("{all} cells, {odd} of them odd");
+    if start == now { Ok(()) } else { Err(format!("{} at the start, now {}", text(start), text(now))) }
+}
+
+/// Checks [`TORQUE`] for a step with an element; `None` if there is no such step.
+pub fn torque(peak: Option<Peak>, limits: Limits) -> Result<(), String> {
+    match peak {
+        None => Err("turns into a posture that its element cannot follow".into()),
+        Some(peak) if !peak.within(limits) => {
+            Err(format!("{} and {} µNm on outer and middle joints", peak.outer, peak.middle))
+        }
+        Some(_) => Ok(()),
+    }
+}
 
 /// Checks [`ATTACHED`] for one metamodule: for each end that grips, whether it lies on a connector.
 pub fn attached(grips: &[bool]) -> Result<(), String> {
@@ -33,6 +84,21 @@ mod tests {
     fn attached_fires() {
         assert!(attached(&[true]).is_ok() && attached(&[true, true]).is_ok());
         assert!(attached(&[]).is_err() && attached(&[true, false]).is_err());
+    }
+
+    #[test]
+    fn invariants_of_elements_fire() {
+        assert!(element_held(&[true], false).is_ok() && element_held(&[], true).is_ok());
+        assert!(element_held(&[], false).is_err() && element_held(&[true, false], true).is_err());
+        let [a, b, c] = [0, 1, 2].map(|x| Cell::new(x, 0, 0));
+        assert!(element_space(&[a, b], [c].into_iter()).is_ok());
+        assert!(element_space(&[a, b], [c, b].into_iter()).is_err());
+        assert!(closed_chain(1, 1).is_ok() && closed_chain(2, 0).is_ok() && closed_chain(2, 1).is_err());
+        assert!(element_colour((9, 4), (9, 4)).is_ok() && element_colour((9, 4), (9, 5)).is_err());
+        let peak = |outer| Some(Peak { outer, middle: 0 });
+        assert!(torque(peak(Limits::NOMINAL.outer), Limits::NOMINAL).is_ok());
+        assert!(torque(peak(Limits::NOMINAL.outer + 1), Limits::NOMINAL).is_err());
+        assert!(torque(None, Limits::NOMINAL).is_err());
     }
 
     #[test]

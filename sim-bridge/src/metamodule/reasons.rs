@@ -8,6 +8,12 @@ pub const SEED_BLOCKED: Reason = Reason::new(
     Excuse::Always,
     "seed blocked: something that cannot move is in a cell of an unfilled seed",
 );
+/// A dead metamodule holds an element that is not at its goal. Its latch stays closed.
+pub const ELEMENT_PINNED: Reason = Reason::new(
+    "element-pinned",
+    Excuse::Always,
+    "element pinned: a dead metamodule holds an element that is not at its goal",
+);
 /// No free metamodule has a better place to go to: a local minimum of the field.
 pub const NO_BETTER_PLACE: Reason = Reason::new(
     "no-better-place",

@@ -232,9 +232,10 @@ mod tests {
     use super::*;
     use metamorph_protocol::lattice::Face;
     use metamorph_protocol::metamodule::blueprint::{Blueprint, Seed, SeedOrder};
+    use metamorph_protocol::metamodule::elements::Elements;
     use metamorph_protocol::metamodule::motions::Motions;
     use metamorph_protocol::metamodule::params::{Params, Strategy};
-    use metamorph_protocol::metamodule::pose::{End, Pose};
+    use metamorph_protocol::metamodule::pose::Pose;
     use metamorph_protocol::roombots::Kind;
     use metamorph_protocol::roombots::database::Database;
     use metamorph_protocol::roombots::grid::GridState;
@@ -250,9 +251,10 @@ mod tests {
             floor: Floor { min: (0, 0), max: (8, 8) },
             goals: vec![Blueprint::new(&[level], SeedOrder::AtOnce).unwrap()],
             motions: Motions::new(Arc::new(Database::build()), Kind::Srs).unwrap(),
+            elements: Elements::NONE,
         };
         let posture = setup.motions.table().find(Posture::zero(Kind::Srs)).unwrap();
-        let free = vec![Pose { state: GridState::new(0, 0, 0), end: End::Foot, both: false, posture }];
+        let free = vec![Pose::standing(GridState::new(0, 0, 0), posture)];
         let (task, filled) = (Task::default(), SeedSet::default());
         Standstill { setup: Arc::new(setup), task, filled, free, fixed }
     }

@@ -3,13 +3,16 @@
 //! The world is the interlock: a joint turns only if all cells that the step sweeps, core and graze
 //! (`roombots::sweep`), are free of other bodies and of the steps of other bodies; an end grips only a
 //! connector of the floor; the last end does not let go. Ports are links to metamodules within communication
-//! range. Not here: gravity, torque, bending; walls; gripping other metamodules.
+//! range. Elements are held and do not fall (`elements`). Not here: bending; walls; gripping other metamodules; the torque
+//! of bodies without an element, which is within the limits in all postures.
 
+mod elements;
 mod safety;
 
 use crate::world::grid::{Grid, Occupant};
 use crate::world::invariants::{Invariant, Violation};
 use crate::world::{World, due};
+use elements::ElementBody;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::digest::Portable;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
@@ -18,7 +21,7 @@ use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::metamodule::message::{Action, BodyAction, Percept, Refusal};
 use metamorph_protocol::metamodule::motions::Sweep;
 use metamorph_protocol::metamodule::params::Setup;
-use metamorph_protocol::metamodule::pose::Pose;
+use metamorph_protocol::metamodule::pose::{Load, Pose};
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::rng::Rng;
 use metamorph_protocol::runtime::{Contact, Sensed};
@@ -78,6 +81,18 @@ pub struct ActionCounts {
     pub stale: u64,
     /// Actions refused because the body was not able to, or was busy.
     pub impossible: u64,
+    /// Grips of elements.
+    pub grips: u64,
+    /// Elements let go.
+    pub let_go: u64,
+    /// Elements let go while another metamodule held on.
+    pub hand_overs: u64,
+    /// Steps of joints with an element.
+    pub carries: u64,
+    /// Refusals to let an element go that would have fallen.
+    pub drops_prevented: u64,
+    /// Refusals of steps over the limits of torque.
+    pub overloads_prevented: u64,
 }
 
 /// A simulated world of metamodules.
@@ -85,6 +100,7 @@ pub struct ActionCounts {
 pub struct MetamoduleWorld {
     setup: Arc<Setup>,
     bodies: Vec<Body>,
+    elements: Vec<ElementBody>,
     /// Cells with a foreign object in them.
     obstacles: BTreeSet<Cell>,
     /// The body that is in a cell, or may be in it during its action: the record of the safety checks, which
@@ -115,6 +131,7 @@ impl MetamoduleWorld {
         };
         let mut world = MetamoduleWorld {
             bodies: poses.iter().map(body).collect(),
+            elements: setup.elements.all().iter().map(|e| ElementBody { cells: e.start.clone() }).collect(),
             setup,
             obstacles: BTreeSet::new(),
             claims: Grid::default(),
@@ -151,7 +168,8 @@ impl MetamoduleWorld {
     }
     /// Puts a foreign object into a cell, unless a body is there or about to be; returns true if it did.
     pub fn block(&mut self, cell: Cell) -> bool {
-        let free = !self.bodies.iter().any(|b| b.taken().contains(&cell));
+        let element = self.elements.iter().any(|e| e.cells.contains(&cell));
+        let free = !element && !self.bodies.iter().any(|b| b.taken().contains(&cell));
         if free {
             self.obstacles.insert(cell);
         }
@@ -280,9 +298,16 @@ impl MetamoduleWorld {
             BodyAction::Turn(_) if pose.both => None,
             BodyAction::Turn(number) => {
                 let (posture, swept) = motions.graph().step(pose.posture, number)?;
+                if pose.load != Load::NONE {
+                    return self.judge_carry(id, posture);
+                }
                 let swept = motions.swept(pose.state, Sweep(swept));
                 Some((Pose { posture, ..pose }, swept.chain(body.cells).collect()))
             }
+            BodyAction::Grip(load) => self.judge_grip(id, load),
+            BodyAction::LetGo => self.judge_let_go(id),
+            // An end that holds an element grips nothing else.
+            BodyAction::Attach | BodyAction::Detach if pose.load != Load::NONE => None,
             BodyAction::Attach => {
                 motions.landing(pose).filter(|s| self.setup.floor.has(s.x, s.y) && !pose.both)?;
                 Some((Pose { both: true, ..pose }, body.cells.to_vec()))
@@ -297,11 +322,12 @@ impl MetamoduleWorld {
     fn is_free(&self, id: ModuleId, cells: &[Cell]) -> bool {
         let others = self.bodies.iter().enumerate().filter(|(i, _)| *i != id.index());
         let mut taken = others.flat_map(|(_, b)| b.taken()).chain(&self.obstacles);
-        !taken.any(|c| cells.contains(c))
+        !taken.any(|c| cells.contains(c)) && self.element_in(id, cells).is_none()
     }
 
     fn complete(&mut self, now: Time, id: ModuleId) {
         let motions = &self.setup.motions;
+        let is_shared = self.is_shared(id);
         let body = &mut self.bodies[id.index()];
         let Some(UnderWay { to, claimed, deed, fails }) = body.under_way.take() else { return };
         if fails {
@@ -311,7 +337,10 @@ impl MetamoduleWorld {
             return;
         }
         match deed {
-            BodyAction::Turn(_) => self.deeds.turns += 1,
+            BodyAction::Turn(_) => {
+                self.deeds.turns += 1;
+                self.deeds.carries += u64::from(body.pose.load != Load::NONE);
+            }
             BodyAction::Attach => {
                 self.deeds.moves += 1;
                 body.grips[body.pose.end.other() as usize] = true;
@@ -320,9 +349,15 @@ impl MetamoduleWorld {
                 self.deeds.released += 1;
                 body.grips[body.pose.end as usize] = false;
             }
+            BodyAction::Grip(_) => self.deeds.grips += 1,
+            BodyAction::LetGo => {
+                self.deeds.let_go += 1;
+                self.deeds.hand_overs += u64::from(is_shared);
+            }
         }
         body.pose = to;
         body.cells = motions.cells(to);
+        self.carry_along(id);
         self.sensed.push_back((id, Sensed::Percept(Percept::Done(to))));
         self.check_end(now, id, &claimed);
         if deed == BodyAction::Detach {
@@ -335,6 +370,7 @@ impl MetamoduleWorld {
 impl Hash for MetamoduleWorld {
     fn hash<H: Hasher>(&self, state: &mut H) {
         (&self.bodies, &self.obstacles).hash(state);
+        self.elements.iter().for_each(|element| element.hash(state));
         due(&self.due).hash(state);
         (self.sessions, &self.joints).hash(state);
     }
@@ -379,6 +415,7 @@ impl World for MetamoduleWorld {
             return self.refuse(id, Refusal::Late);
         }
         let Some((to, claimed)) = self.judge(id, action.deed) else {
+            self.count_prevented(id, action.deed);
             return self.refuse(id, Refusal::Impossible);
         };
         if !self.is_free(id, &claimed) {
@@ -387,13 +424,16 @@ impl World for MetamoduleWorld {
         let (takes, fails) = match action.deed {
             BodyAction::Turn(_) => (self.setup.params.turn_time, body.stuck),
             BodyAction::Attach => (self.setup.params.connect_time, self.joints.chance(self.failure)),
-            BodyAction::Detach => (self.setup.params.connect_time, false),
+            BodyAction::Detach | BodyAction::LetGo => (self.setup.params.connect_time, false),
+            BodyAction::Grip(_) => (self.setup.params.connect_time, self.joints.chance(self.failure)),
         };
         self.deeds.started += 1;
         self.order += 1;
         self.due.push(Reverse((now + takes, self.order, id)));
         self.bodies[id.index()].under_way = Some(UnderWay { to, claimed, deed: action.deed, fails });
         self.check_begin(now, id);
+        self.check_torque(now, id);
+        self.check_elements(now);
     }
 
     fn next_event(&self) -> Time {
@@ -419,6 +459,7 @@ impl World for MetamoduleWorld {
             under_way.map(|UnderWay { to, claimed: _, deed, fails }| (to, deed, fails)).hash(&mut hasher);
         }
         (&self.obstacles, due(&self.due), self.sessions, &self.joints).hash(&mut hasher);
+        self.elements.iter().for_each(|element| element.hash(&mut hasher));
     }
 
     fn poll(&mut self) -> Option<(ModuleId, Sensed<Percept>)> {
@@ -431,6 +472,7 @@ mod tests {
     use super::*;
     use crate::world::invariants::ONE_MODULE_PER_CELL;
     use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedOrder, box_of_four};
+    use metamorph_protocol::metamodule::elements::Elements;
     use metamorph_protocol::metamodule::motions::Motions;
     use metamorph_protocol::metamodule::params::{Floor, Params, Strategy};
     use metamorph_protocol::metamodule::pose::End;
@@ -446,20 +488,25 @@ mod tests {
             floor: Floor { min: (0, 0), max: (12, 12) },
             goals: vec![Blueprint::new(&box_of_four(5, 5), SeedOrder::Circular).unwrap()],
             motions: Motions::new(Arc::new(Database::build()), Kind::Srs).unwrap(),
+            elements: Elements::NONE,
         })
     }
 
     pub(super) fn upright(setup: &Setup, x: i16, y: i16) -> Pose {
         let posture = setup.motions.table().find(Posture::zero(Kind::Srs)).unwrap();
-        Pose { state: GridState::new(x, y, 0), end: End::Foot, both: false, posture }
+        Pose::standing(GridState::new(x, y, 0), posture)
     }
 
     pub(super) fn act(world: &mut MetamoduleWorld, deed: BodyAction) -> Percept {
-        let (now, id) = (world.due.peek().map_or(Time::ZERO, |Reverse((at, ..))| *at), ModuleId(0));
-        let revision = world.bodies[0].revision;
+        act_of(world, 0, deed)
+    }
+
+    pub(super) fn act_of(world: &mut MetamoduleWorld, of: u32, deed: BodyAction) -> Percept {
+        let (now, id) = (world.due.peek().map_or(Time::ZERO, |Reverse((at, ..))| *at), ModuleId(of));
+        let revision = world.bodies[id.index()].revision;
         world.act(now, id, revision, &Action { deed, not_after: now });
         world.advance(Time(u64::MAX - 1));
-        let percept = |s| if let (ModuleId(0), Sensed::Percept(p)) = s { Some(p) } else { None };
+        let percept = |(by, s)| if let (true, Sensed::Percept(p)) = (by == id, s) { Some(p) } else { None };
         std::iter::from_fn(|| world.poll()).filter_map(percept).last().unwrap()
     }
 

@@ -46,9 +46,9 @@ impl Swarm {
 
 impl Particle {
     fn fly(&mut self, best: &[f64], rng: &mut Rng) {
-        for d in 0..self.at.len() {
+        for (d, best) in best.iter().enumerate() {
             let own = COGNITIVE * uniform(rng) * (self.best[d] - self.at[d]);
-            let social = SOCIAL * uniform(rng) * (best[d] - self.at[d]);
+            let social = SOCIAL * uniform(rng) * (best - self.at[d]);
             let velocity = CONSTRICTION * (self.velocity[d] + own + social);
             self.velocity[d] = velocity.clamp(-FASTEST, FASTEST);
             let next = self.at[d] + self.velocity[d];

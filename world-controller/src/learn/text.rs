@@ -62,10 +62,10 @@ pub fn text(study: &Study, file: &GaitFile, paint: Paint) -> String {
         table.row(&[format!("seed {}", run.seed)], cells);
     }
     if file.runs.len() > 1 {
-        let rows: [(&str, fn(&Spread) -> f64); 3] =
-            [("least", |s| s.min), ("median", |s| s.median), ("most", |s| s.max)];
-        for (name, of) in rows {
-            let cell = |column: &mut Vec<f64>| Spread::of(column).map_or("-".to_owned(), |s| number(of(&s)));
+        for (i, name) in ["least", "median", "most"].into_iter().enumerate() {
+            let cell = |column: &mut Vec<f64>| {
+                Spread::of(column).map_or("-".to_owned(), |s| number([s.min, s.median, s.max][i]))
+            };
             table.row(&[name.to_owned()], columns.iter_mut().map(cell).collect());
         }
     }

@@ -32,6 +32,7 @@ scenarios!(
     "chair-hardware",
     "disc-to-sphere",
     "faults",
+    "hand-over",
     "line-to-box",
     "rabbit",
     "slab-to-disc",
@@ -39,6 +40,7 @@ scenarios!(
     "stoy",
     "swarm",
     "swarm-200",
+    "table",
 );
 
 /// The files that shipped scenarios name.

@@ -193,6 +193,8 @@ pub struct Scene {
     /// The numbers of motions, by their JSON form.
     motions: BTreeMap<String, u32>,
     obstacles: BTreeSet<Cell>,
+    /// The cells of each passive element.
+    elements: Vec<Vec<Cell>>,
     goal: Option<(u16, (i16, i16))>,
     /// The current cell of the first part of each body.
     cells: Vec<Option<Cell>>,
@@ -230,6 +232,7 @@ impl Scene {
             standings: vec![None; modules],
             asked: Vec::new(),
             obstacles: BTreeSet::new(),
+            elements: Vec::new(),
             goal: None,
             moving: BTreeMap::new(),
             unseen: BTreeSet::new(),
@@ -387,8 +390,28 @@ impl Scene {
             false => effect.ends_with("the cell was free") && self.obstacles.insert(cell),
         };
         if changed {
-            self.note(at, Event::Obstacles(self.obstacles.iter().copied().collect()));
+            self.note_obstacles(at);
         }
+    }
+    /// Sets where the passive elements lie at the start, unless that is known.
+    pub fn lay_out(&mut self, at: Time, elements: Vec<Vec<Cell>>) {
+        if self.elements.len() != elements.len() {
+            self.elements = elements;
+            self.note_obstacles(at);
+        }
+    }
+    /// Notes where a passive element is.
+    pub fn carried(&mut self, at: Time, element: usize, cells: Vec<Cell>) {
+        if let Some(known) = self.elements.get_mut(element).filter(|known| **known != cells) {
+            *known = cells;
+            self.note_obstacles(at);
+        }
+    }
+    /// Notes all cells with an obstacle or a passive element, which are drawn alike.
+    fn note_obstacles(&mut self, at: Time) {
+        let elements = self.elements.iter().flatten();
+        let cells: BTreeSet<Cell> = self.obstacles.iter().chain(elements).copied().collect();
+        self.note(at, Event::Obstacles(cells.into_iter().collect()));
     }
     /// Notes that another goal is built from now on.
     pub fn goal(&mut self, now: Time, goal: u16, shift: (i16, i16)) {

@@ -78,10 +78,19 @@ pub struct SceneBuilder<A: Visible> {
 }
 
 impl<A: Visible> SceneBuilder<A> {
-    fn place(bodies: &mut Bodies<A>, scene: &mut Scene, id: ModuleId, place: &Blob) -> Result<(), WireError> {
+    fn place(
+        bodies: &mut Bodies<A>,
+        scene: &mut Scene,
+        (at, id): (Time, ModuleId),
+        place: &Blob,
+    ) -> Result<(), WireError> {
+        scene.lay_out(at, A::elements(&bodies.setup));
         if let Some(known) = bodies.places.get_mut(id.index()) {
             *known = place.read()?;
             scene.placed(id, A::at_rest(&bodies.setup, known).first().map(Part::cell));
+            if let Some((element, cells)) = A::held(&bodies.setup, known) {
+                scene.carried(at, element, cells);
+            }
         }
         Ok(())
     }
@@ -97,11 +106,11 @@ impl<A: Visible> SceneBuilder<A> {
         };
         match event {
             E::Start { id, place, .. } => {
-                Self::place(&mut self.bodies, &mut scene, *id, place)?;
+                Self::place(&mut self.bodies, &mut scene, (at, *id), place)?;
             }
             E::Advance { ended } => {
                 for (id, place) in ended {
-                    Self::place(&mut self.bodies, &mut scene, *id, place)?;
+                    Self::place(&mut self.bodies, &mut scene, (at, *id), place)?;
                 }
             }
             E::Act { id, action, .. } => {

@@ -154,6 +154,15 @@ pub trait Visible: Agent {
     /// Returns the goal that an order opens, and its shift; `None` for other orders.
     fn goal(order: &Self::Order) -> Option<(u16, (i16, i16))>;
 
+    /// Returns the cells of all passive elements at the start.
+    fn elements(_: &Self::Setup) -> Vec<Vec<Cell>> {
+        Vec::new()
+    }
+    /// Returns the passive element that a body holds, by its number, and the cells where it is.
+    fn held(_: &Self::Setup, _: &Self::Place) -> Option<(usize, Vec<Cell>)> {
+        None
+    }
+
     /// Returns the parts of a body: at rest, or after a share of the time of an action.
     fn parts(setup: &Self::Setup, place: &Self::Place, action: Option<(&Self::Action, f64)>) -> Vec<Part> {
         let mut parts = Self::at_rest(setup, place);

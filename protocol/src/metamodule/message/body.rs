@@ -1,6 +1,6 @@
 //! What a metamodule asks of its body, and how the body answers.
 
-use crate::metamodule::pose::Pose;
+use crate::metamodule::pose::{Load, Pose};
 use crate::time::Time;
 use crate::wire::{Decoder, Encoder, Wire, WireError};
 
@@ -13,6 +13,10 @@ pub enum BodyAction {
     Attach,
     /// The end that has been attached for longer lets go; the other one holds from now on.
     Detach,
+    /// The free end grips an element, which is where this load would be.
+    Grip(Load),
+    /// The free end lets go of the element.
+    LetGo,
 }
 
 /// An action for the body, with the latest time to begin it.
@@ -30,12 +34,16 @@ impl Wire for Action {
             BodyAction::Turn(_) => 16,
             BodyAction::Attach => 17,
             BodyAction::Detach => 18,
+            BodyAction::Grip(_) => 19,
+            BodyAction::LetGo => 20,
         }
     }
     fn encode(&self, out: &mut Encoder) {
         out.time(self.not_after);
-        if let BodyAction::Turn(step) = self.deed {
-            out.u16(step);
+        match self.deed {
+            BodyAction::Turn(step) => out.u16(step),
+            BodyAction::Grip(load) => load.encode(out),
+            BodyAction::Attach | BodyAction::Detach | BodyAction::LetGo => {}
         }
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Action, WireError> {
@@ -44,6 +52,8 @@ impl Wire for Action {
             16 => BodyAction::Turn(from.u16()?),
             17 => BodyAction::Attach,
             18 => BodyAction::Detach,
+            19 => BodyAction::Grip(Load::decode(from)?),
+            20 => BodyAction::LetGo,
             _ => return Err(WireError::Kind(kind)),
         };
         Ok(Action { deed, not_after })
@@ -62,7 +72,7 @@ pub enum Refusal {
     Stale = 2,
     /// The body is still carrying out an earlier action.
     Busy = 3,
-    /// The body cannot do that from where it is.
+    /// The body cannot do that from where it is: also, an element would fall, two bodies hold it, or it is too heavy.
     Impossible = 4,
 }
 

@@ -11,7 +11,7 @@ pub use control::{Order, Status};
 
 use super::blueprint::{MAX_SEEDS, SeedSet, Task};
 use super::motions::Sweep;
-use super::pose::Pose;
+use super::pose::{Load, Pose};
 use crate::coverage::CoveragePoint;
 use crate::ids::{ModuleId, Token};
 use crate::time::Span;
@@ -176,6 +176,15 @@ pub enum Instruction {
         /// Whether it lands then.
         lands: bool,
     },
+    /// All stay, and one grips an element or lets it go (`planned` only).
+    Handle {
+        /// The one that does.
+        mover: ModuleId,
+        /// Where it stands.
+        from: Pose,
+        /// What it holds afterwards.
+        load: Load,
+    },
 }
 
 impl Instruction {
@@ -190,6 +199,12 @@ impl Instruction {
                 out.u16(posture);
                 out.bool(lands);
             }
+            Instruction::Handle { mover, from, load } => {
+                out.u8(3);
+                out.u32(mover.0);
+                from.encode(out);
+                load.encode(out);
+            }
         }
     }
     pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Instruction, WireError> {
@@ -201,6 +216,11 @@ impl Instruction {
                 from: Pose::decode(from)?,
                 posture: from.u16()?,
                 lands: from.bool("lands")?,
+            },
+            3 => Instruction::Handle {
+                mover: ModuleId(from.u32()?),
+                from: Pose::decode(from)?,
+                load: Load::decode(from)?,
             },
             _ => return Err(WireError::Field("instruction")),
         })

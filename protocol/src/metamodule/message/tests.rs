@@ -25,7 +25,7 @@ fn header(kind: u8) -> Header {
 }
 
 fn a_pose() -> Pose {
-    Pose { state: GridState::new(-2, 5, 3), end: End::Head, both: true, posture: 0x0102 }
+    Pose { end: End::Head, both: true, ..Pose::standing(GridState::new(-2, 5, 3), 0x0102) }
 }
 
 fn a_task() -> Task {
@@ -83,7 +83,10 @@ fn everything_survives_the_wire() {
         round_trip(&Message::Response { from: origin, token, denial });
     }
     round_trip(&Message::Release { origin, token, pose: p });
-    for deed in [BodyAction::Turn(4031), BodyAction::Attach, BodyAction::Detach] {
+    let load = Load::of_grip(200).unwrap();
+    let (grip, let_go) = (BodyAction::Grip(load), BodyAction::LetGo);
+    round_trip(&Pose { load, ..p });
+    for deed in [BodyAction::Turn(4031), BodyAction::Attach, BodyAction::Detach, grip, let_go] {
         round_trip(&Action { deed, not_after: Time(77) });
     }
     use Refusal::{Blocked, Busy, Impossible, Late, Stale};
@@ -97,7 +100,8 @@ fn everything_survives_the_wire() {
     round_trip(&Order::Dead { id: origin, pose: p });
     round_trip(&Order::Alive { id: origin });
     let steps = Instruction::Move { mover: origin, from: p, posture: 9, lands: true };
-    for instruction in [Instruction::Over, Instruction::Stay, steps] {
+    let handle = Instruction::Handle { mover: origin, from: p, load };
+    for instruction in [Instruction::Over, Instruction::Stay, steps, handle] {
         round_trip(&Order::Instruct { number: 7, instruction });
     }
     for settled in [None, Some(31)] {

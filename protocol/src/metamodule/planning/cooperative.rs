@@ -241,9 +241,9 @@ mod tests {
     use crate::lattice::Face;
     use crate::metamodule::blueprint::Seed;
     use crate::metamodule::blueprint::{Blueprint, SeedOrder};
+    use crate::metamodule::elements::Elements;
     use crate::metamodule::motions::Motions;
     use crate::metamodule::params::{Floor, Params, Strategy};
-    use crate::metamodule::pose::End;
     use crate::rng::Rng;
     use crate::roombots::Kind;
     use crate::roombots::database::Database;
@@ -259,12 +259,13 @@ mod tests {
             floor: Floor { min: (0, 0), max: (side - 1, side - 1) },
             goals: vec![Blueprint::new(&levels, SeedOrder::AtOnce).unwrap()],
             motions: Motions::new(Arc::clone(database), Kind::Srs).unwrap(),
+            elements: Elements::NONE,
         })
     }
 
     fn upright(setup: &Setup, x: i16, y: i16) -> Pose {
         let posture = setup.motions.table().find(Posture::zero(Kind::Srs)).unwrap();
-        Pose { state: GridState::new(x, y, 0), end: End::Foot, both: false, posture }
+        Pose::standing(GridState::new(x, y, 0), posture)
     }
 
     fn standstill(setup: &Arc<Setup>, free: &[(i16, i16)], fixed: &[Cell]) -> Standstill {

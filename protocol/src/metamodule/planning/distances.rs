@@ -8,7 +8,7 @@ use crate::metamodule::blueprint::Seed;
 use crate::metamodule::motions::Motions;
 use crate::metamodule::params::Floor;
 use crate::metamodule::planning::paths::Ground;
-use crate::metamodule::pose::{End, Pose, to_frame};
+use crate::metamodule::pose::{Pose, to_frame};
 use crate::roombots::grid::GridState;
 use std::collections::VecDeque;
 
@@ -54,7 +54,7 @@ impl Distances {
             let state = GridState::new(seed.foot.0, seed.foot.1, class);
             let chain = motions.chain_of(seed.cells().map(|c| to_frame(state, c)));
             for posture in chain.map_or(&[][..], |c| motions.filling(c)) {
-                let pose = Pose { state, end: End::Foot, both: false, posture: *posture };
+                let pose = Pose::standing(state, *posture);
                 let lands = distances.come(&end, pose, end.lands(pose), 0);
                 front.extend(before(&ground, pose, lands, 1));
             }

@@ -261,7 +261,6 @@ fn path_to(steps: &[Step], last: Option<(u32, u16)>) -> Vec<u16> {
 mod tests {
     use super::*;
     use crate::metamodule::motions::Motions;
-    use crate::metamodule::pose::End;
     use crate::rng::Rng;
     use crate::roombots::Kind;
     use crate::roombots::database::Database;
@@ -281,7 +280,7 @@ mod tests {
             for round in 0..1_500 {
                 let mut body = || {
                     let state = GridState::new(below(9) as i16, below(9) as i16, below(4) as u8);
-                    Pose { state, end: End::Foot, both: false, posture: below(postures) as u16 }
+                    Pose::standing(state, below(postures) as u16)
                 };
                 let pose = body();
                 let taken: Vec<Cell> = (0..round % 9).flat_map(|_| motions.cells(body())).collect();

@@ -382,6 +382,11 @@ impl Graph {
         self.steps.get(usize::from(posture)).map_or(&[], |steps| steps)
     }
 
+    /// Returns the number of the strict step from one posture to another.
+    pub fn number_of_step(&self, from: u16, to: u16) -> Option<u16> {
+        self.steps(from).iter().find(|(_, other)| *other == to).map(|(number, _)| *number)
+    }
+
     /// Returns a posture one free step away.
     pub fn neighbour(&self, posture: u16, taken: Bits) -> Option<u16> {
         let is_free = |(step, _): &&(u16, u16)| self.swept[usize::from(*step)] & taken == 0;

@@ -12,3 +12,4 @@ pub mod paths;
 pub(crate) mod posture_set;
 pub(crate) mod random_walk;
 pub(crate) mod state_space;
+pub mod transport;

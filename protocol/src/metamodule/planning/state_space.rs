@@ -12,7 +12,7 @@ use crate::lattice::Cell;
 use crate::metamodule::blueprint::Seed;
 use crate::metamodule::planning::cooperative::{Move, SearchResult, Standstill};
 use crate::metamodule::planning::paths::Ground;
-use crate::metamodule::pose::{End, Pose, to_frame};
+use crate::metamodule::pose::{Pose, to_frame};
 use crate::roombots::grid::GridState;
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
@@ -438,7 +438,7 @@ impl Place {
 
 /// Returns the pose of a body attached by its foot.
 fn attached(state: GridState, posture: u16) -> Pose {
-    Pose { state, end: End::Foot, both: false, posture }
+    Pose::standing(state, posture)
 }
 
 /// Returns the first posture of a shape, which has at least one.

@@ -117,7 +117,6 @@ mod tests {
     use super::*;
     use crate::metamodule::blueprint::chair_of_six;
     use crate::metamodule::params::Strategy;
-    use crate::metamodule::pose::End;
     use crate::roombots::Kind;
     use crate::roombots::database::Database;
     use crate::roombots::grid::GridState;
@@ -128,7 +127,7 @@ mod tests {
     fn strategies_differ_in_how_neighbours_push() {
         let motions = Motions::new(Arc::new(Database::build()), Kind::Srs).unwrap();
         let floor = Floor { min: (0, 0), max: (12, 12) };
-        let at = Pose { state: GridState::new(6, 6, 0), end: End::Foot, both: false, posture: 0 };
+        let at = Pose::standing(GridState::new(6, 6, 0), 0);
         let push = |strategy: Strategy, cells: i64| {
             let mut field = Field::new(&motions, floor, &[], at, Vec::new());
             field.add_push(strategy.repulsion(), (0, 0), (-4 * cells, 0));
@@ -160,7 +159,7 @@ mod tests {
                 let ground = Ground { motions: &motions, floor, taken: &fixed };
                 for (x, y, class) in [(2, 2, 0), (10, 1, 1), (6, 11, 2), (11, 7, 3)] {
                     let state = GridState::new(x, y, class);
-                    let mut at = Pose { state, end: End::Foot, both: false, posture: zero };
+                    let mut at = Pose::standing(state, zero);
                     let mut steps = 0;
                     while at.foot() != seed.foot || ground.filling(at, *seed).is_none() {
                         let reach = ground.reach(at);

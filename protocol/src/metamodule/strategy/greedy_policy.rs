@@ -40,7 +40,7 @@ pub(in crate::metamodule) fn look(v: View<'_>, next_expiry: Time) -> Decision {
         hit(CoveragePoint::MetaLetFirst);
         return Decision::WaitFor(Some(first), next_expiry);
     }
-    moving.extend(v.locks.cells(motions));
+    moving.extend(v.locks.cells(v.setup));
     let taken = [&fixed[..], &moving].concat();
     let choice = Choice {
         setup: v.setup,

@@ -114,6 +114,13 @@ impl Policy {
             Policy::Planned(p) => p.look(cx, next_expiry),
         }
     }
+    /// Returns the motion by which it grips an element or lets it go now, settled or not.
+    pub fn handling(&self, v: View<'_>) -> Option<Plan> {
+        match self {
+            Policy::ForceField | Policy::Negotiated(_) => None,
+            Policy::Planned(p) => p.handling(v),
+        }
+    }
     /// Drops all intentions: the metamodule moves no more, for now or for good.
     pub fn retire(&mut self, cx: &mut Context<'_>) {
         if let Some(n) = self.negotiated_mut() {

@@ -9,6 +9,9 @@ use super::{Context, Decision};
 use crate::defects::Defect;
 use crate::digest::Portable;
 use crate::metamodule::message::Instruction;
+use crate::metamodule::plan::Plan;
+use crate::metamodule::pose::Load;
+use crate::metamodule::view::View;
 use crate::time::Time;
 use std::hash::Hash;
 
@@ -39,12 +42,24 @@ impl Planned {
     pub fn look(&mut self, cx: &mut Context<'_>, next_expiry: Time) -> Decision {
         match self.instruction {
             Instruction::Over => self.negotiated.look(cx, next_expiry),
-            Instruction::Stay => Decision::Wait(Time::NEVER),
+            Instruction::Stay | Instruction::Handle { .. } => Decision::Wait(Time::NEVER),
             Instruction::Move { .. } => {
                 let plan = ordered_move(cx.v, &self.negotiated, self.instruction);
                 plan.map_or(Decision::Wait(next_expiry), Decision::Ask)
             }
         }
+    }
+
+    /// Returns the motion by which it grips an element or lets it go, if that is ordered and fits the pose. It lets go only
+    /// if another one is known to hold the element; the body makes sure of that.
+    pub fn handling(&self, v: View<'_>) -> Option<Plan> {
+        let Instruction::Handle { mover, from, load } = self.instruction else { return None };
+        let is_ready = mover == v.own.id && from == v.own.pose && v.now >= v.own.quarantine_until;
+        let allowed = match load {
+            Load::NONE => v.shares_element(),
+            _ => v.own.pose.load == Load::NONE,
+        };
+        (is_ready && allowed).then(|| Plan::handle(from, load))
     }
 
     /// Starts over: there is another task, and the last instruction was for the one before.

@@ -5,7 +5,7 @@ use crate::director::outcome::{Proof, Stall, Waiter};
 use crate::director::reason::Why;
 use crate::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_WAY};
 use crate::metamodule::reasons::{
-    BARRED, HAS_NO_BETTER_PLACE, MISPLACED, NO_BETTER_PLACE, NO_LOCK, SEED_BLOCKED,
+    BARRED, ELEMENT_PINNED, HAS_NO_BETTER_PLACE, MISPLACED, NO_BETTER_PLACE, NO_LOCK, SEED_BLOCKED,
 };
 use crate::metamodule::relocation::Elsewhere;
 use crate::metamodule::world::MetamoduleWorld;
@@ -34,7 +34,9 @@ impl MetamoduleDirector {
         let proof = self.proof(&sought);
         // By precedence a metamodule also waits for one that is refused nothing and has no place to go to.
         let ordered = self.setup.params.precedence.is_some();
-        let here = if free.len() < unfilled.len() {
+        let here = if !self.pinned(world).is_empty() {
+            ELEMENT_PINNED
+        } else if free.len() < unfilled.len() {
             MATERIAL_EXHAUSTED
         } else if self.is_seed_blocked(&stays) {
             SEED_BLOCKED

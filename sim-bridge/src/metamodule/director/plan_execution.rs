@@ -6,6 +6,10 @@
 //! unfilled although there are metamodules for them, the metamodules decide for themselves, as under `negotiated`,
 //! until one more seed is filled; if that is not allowed they rest.
 //!
+//! Elements come first, one after the other: the plan for the next one is carried out step by step, with its last holder in a
+//! seed. Then the other seeds are filled, and the metamodules in them grip what faces their heads. While an element is on
+//! its way the metamodules are never left to themselves. Of an element whose holder is dead or suspected there is no plan.
+//!
 //! Planning takes scenario time: its work divided by [`PLANNING_RATE`]. So a run has the same trace on every
 //! machine.
 
@@ -19,7 +23,11 @@ use metamorph_protocol::metamodule::planning::centralized::{
     CentralPlan, PlannedMove, Shortage, bound, plan,
 };
 use metamorph_protocol::metamodule::planning::cooperative::{Standstill, WORK};
-use metamorph_protocol::metamodule::pose::Pose;
+use metamorph_protocol::metamodule::planning::transport::{
+    TRANSPORT_WORK, TransportAnswer, TransportDeed, TransportStep, facing, is_at_goal, missing_bonds,
+    plan_transport,
+};
+use metamorph_protocol::metamodule::pose::{Load, Pose};
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
 use std::collections::{BTreeSet, VecDeque};
@@ -51,6 +59,13 @@ pub struct PlanCounts {
     pub handed_over: u64,
 }
 
+/// An element as it is now.
+#[derive(Clone, Debug)]
+pub(super) struct ElementNow {
+    pub cells: Vec<Cell>,
+    pub holders: Vec<ModuleId>,
+}
+
 /// What decides which plan is made, of one metamodule that has reported: its pose, whether it fills a seed, and whether
 /// its joints are stuck.
 type Standing = (ModuleId, Option<(Pose, bool, bool)>);
@@ -63,6 +78,7 @@ pub(super) struct Swarm<'a> {
     pub filled: SeedSet,
     /// The cells of obstacles and of the dead.
     pub stays: Vec<Cell>,
+    pub elements: Vec<ElementNow>,
 }
 
 impl Swarm<'_> {
@@ -82,6 +98,25 @@ impl Swarm<'_> {
     }
     fn status(&self, id: ModuleId) -> Option<Status> {
         self.known.get(id.index()).filter(|known| known.alive).and_then(|known| known.status)
+    }
+    /// Returns the next element that is not at its goal.
+    fn next_element(&self) -> Option<usize> {
+        (0..self.elements.len()).find(|e| !is_at_goal(self.setup, *e, &self.elements[*e].cells))
+    }
+    /// Returns the metamodules in seeds that are to grip an element at its goal, their poses and the loads.
+    fn missing_bonds(&self) -> Vec<(ModuleId, Pose, Load)> {
+        let settled = |(id, status): (ModuleId, Option<Status>)| {
+            Some((id, status.filter(|s| self.fills(s) && !s.stuck)?.pose))
+        };
+        let settled: Vec<(ModuleId, Pose)> = self.living().filter_map(settled).collect();
+        let poses: Vec<Pose> = settled.iter().map(|(_, pose)| *pose).collect();
+        let missing = missing_bonds(self.setup, &poses).into_iter();
+        missing.map(|(i, load)| (settled[i].0, settled[i].1, load)).collect()
+    }
+    /// Returns true if all seeds are filled, and all elements are at their goals and gripped by all heads that face them.
+    pub fn is_built(&self) -> bool {
+        let filled = self.filled.holds(self.setup.goal(self.task).all());
+        filled && self.next_element().is_none() && self.missing_bonds().is_empty()
     }
     /// Returns true if all living metamodules have reported and none moves.
     fn rests(&self) -> bool {
@@ -103,11 +138,15 @@ enum Stage {
     HandedOver(SeedSet),
 }
 
-/// One move of the plan, and how far it is.
+/// One instruction of the plan, and how far it is.
 #[derive(Clone, Debug)]
 struct Step {
     id: ModuleId,
-    planned: PlannedMove,
+    instruction: Instruction,
+    /// Steps that must be done before, by their place in the plan.
+    after: Vec<usize>,
+    /// True if the metamodule fills a seed then.
+    fills: bool,
     /// Where the body is afterwards.
     to: Pose,
     /// When it counts as late; `None` before it is ordered.
@@ -232,8 +271,18 @@ impl PlanExecution {
                 fixed.extend(swarm.setup.motions.cells(status.pose));
             }
         }
+        let element = swarm.next_element();
+        let others = swarm.elements.iter().enumerate().filter(|(e, _)| Some(*e) != element);
+        fixed.extend(others.flat_map(|(_, e)| &e.cells));
         let setup = Arc::clone(swarm.setup);
         let standstill = Standstill { setup, task: swarm.task, filled: swarm.filled, free, fixed };
+        if let Some(element) = element {
+            return self.plan_element(now, swarm, orders, (&ids, &standstill, element));
+        }
+        let bonds = swarm.missing_bonds();
+        if !bonds.is_empty() {
+            return self.plan_bonds(now, bonds);
+        }
         let CentralPlan { moves, shortage, work } = plan(&standstill, SEARCH_WORK);
         if self.counts.plans == 0 {
             self.counts.first_moves = moves.iter().filter(|m| m.lands).count() as u64;
@@ -244,10 +293,17 @@ impl PlanExecution {
         self.replans += 1;
         self.shortage = shortage;
         let motions = &swarm.setup.motions;
-        let step = |planned: PlannedMove| {
-            let end = Pose { posture: planned.posture, ..planned.from };
-            let to = if planned.lands { motions.turned_around(end)? } else { end };
-            Some(Step { id: ids[planned.body], planned, to, due: None, done: false })
+        let step = |PlannedMove { body, from, posture, lands, fills, after }: PlannedMove| {
+            // A metamodule in a seed grips what faces its head.
+            let posture = match fills {
+                Some(_) if !lands => facing(swarm.setup, from, posture, &standstill.fixed),
+                _ => posture,
+            };
+            let end = Pose { posture, ..from };
+            let to = if lands { motions.turned_around(end)? } else { end };
+            let mover = ids[body];
+            let instruction = Instruction::Move { mover, from, posture, lands };
+            Some(Step { id: mover, instruction, after, fills: fills.is_some(), to, due: None, done: false })
         };
         // Invariant: a move that lands ends where the free end is on a connector, so none is left out.
         self.steps = moves.into_iter().filter_map(step).collect();
@@ -255,6 +311,58 @@ impl PlanExecution {
             return self.run_out(now, swarm, orders);
         }
         self.stage = Stage::Planning(now + Span((work as u64).saturating_mul(1_000_000_000) / PLANNING_RATE));
+    }
+
+    /// Plans how an element is brought to its goal, with the metamodules `ids` at a standstill.
+    fn plan_element(
+        &mut self,
+        now: Time,
+        swarm: &Swarm<'_>,
+        orders: &mut VecDeque<Command<Order>>,
+        (ids, standstill, element): (&[ModuleId], &Standstill, usize),
+    ) {
+        let is_pinned = swarm.elements[element].holders.iter().any(|id| !ids.contains(id));
+        self.shortage = None;
+        self.counts.plans += 1;
+        self.replans += 1;
+        let answer = match is_pinned {
+            true => TransportAnswer::Undecided,
+            false => {
+                self.counts.work += TRANSPORT_WORK as u64;
+                plan_transport(standstill, element)
+            }
+        };
+        let TransportAnswer::Plan(found) = answer else { return self.run_out(now, swarm, orders) };
+        if self.counts.plans == 1 {
+            self.counts.first_moves = u64::from(found.connections);
+        }
+        let last = found.steps.len().saturating_sub(1);
+        let step = |(i, step): (usize, TransportStep)| {
+            let (id, TransportStep { from, to, .. }) = (ids[step.body], step);
+            let turns = |posture, lands| Instruction::Move { mover: id, from, posture, lands };
+            let instruction = match step.deed {
+                TransportDeed::Turn(posture) => turns(posture, false),
+                TransportDeed::Land(posture) => turns(posture, true),
+                TransportDeed::Handle(load) => Instruction::Handle { mover: id, from, load },
+            };
+            let after = i.checked_sub(1).into_iter().collect();
+            Step { id, instruction, after, fills: i == last, to, due: None, done: false }
+        };
+        self.steps = found.steps.into_iter().enumerate().map(step).collect();
+        self.stage = Stage::Planning(now + Span(TRANSPORT_WORK as u64 * 1_000_000_000 / PLANNING_RATE));
+    }
+
+    /// Lets metamodules in seeds grip the elements that face their heads.
+    fn plan_bonds(&mut self, now: Time, bonds: Vec<(ModuleId, Pose, Load)>) {
+        self.counts.plans += 1;
+        self.replans += 1;
+        let step = |(id, from, load): (ModuleId, Pose, Load)| {
+            let instruction = Instruction::Handle { mover: id, from, load };
+            let to = Pose { load, ..from };
+            Step { id, instruction, after: Vec::new(), fills: true, to, due: None, done: false }
+        };
+        self.steps = bonds.into_iter().map(step).collect();
+        self.stage = Stage::Planning(now);
     }
 
     /// Notes which moves have been made, and orders those that may be made now.
@@ -265,7 +373,7 @@ impl PlanExecution {
             let Some(due) = step.due else { continue };
             let status = swarm.status(step.id);
             let is_there = status.is_some_and(|s| s.pose == step.to && !s.busy);
-            step.done = is_there && (step.planned.fills.is_none() || status.is_some_and(|s| swarm.fills(&s)));
+            step.done = is_there && (!step.fills || status.is_some_and(|s| swarm.fills(&s)));
             if !step.done && status.is_some_and(|s| s.stuck) {
                 late = Some(step.id);
             } else if !step.done && now >= due {
@@ -287,33 +395,39 @@ impl PlanExecution {
         if self.steps.iter().all(|s| s.done) {
             return self.run_out(now, swarm, orders);
         }
-        let is_due = |step: &Step| {
-            step.due.is_none() && step.planned.after.iter().all(|before| self.steps[*before].done)
-        };
+        let is_due =
+            |step: &Step| step.due.is_none() && step.after.iter().all(|before| self.steps[*before].done);
         let due: Vec<usize> = (0..self.steps.len()).filter(|i| is_due(&self.steps[*i])).collect();
         for i in due {
             let step = &mut self.steps[i];
             step.due = Some(now + allowed);
-            let PlannedMove { from, posture, lands, .. } = step.planned;
-            let (mover, instruction) = (step.id, Instruction::Move { mover: step.id, from, posture, lands });
+            let (id, instruction) = (step.id, step.instruction);
             self.counts.ordered += 1;
-            self.instruct(mover, instruction, orders);
+            self.instruct(id, instruction, orders);
         }
     }
 
     /// Decides what to do where the plan has ended and seeds are left.
     fn run_out(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut VecDeque<Command<Order>>) {
-        let is_built = swarm.filled.holds(swarm.setup.goal(swarm.task).all());
+        let was_carried_out = !self.steps.is_empty() && self.steps.iter().all(|s| s.done);
         self.steps.clear();
         (self.stage, self.rested) = (Stage::Resting, swarm.standing());
-        if is_built {
+        if swarm.is_built() {
+            return;
+        }
+        if was_carried_out && !swarm.elements.is_empty() {
+            // The plan was for one element, for grips or for the seeds; there is another part.
+            self.stage = Stage::Holding(now);
             return;
         }
         if !self.suspected.is_empty() && self.replans < REPLANS {
             // What was in their way may be gone, or their joints may turn again.
             self.suspected.clear();
             self.stage = Stage::Holding(now + swarm.setup.params.patience * u64::from(self.replans));
-        } else if self.hands_over && !matches!(self.shortage, Some(Shortage::NoWay(_))) {
+        } else if self.hands_over
+            && swarm.elements.is_empty()
+            && !matches!(self.shortage, Some(Shortage::NoWay(_)))
+        {
             self.counts.handed_over += 1;
             self.stage = Stage::HandedOver(swarm.filled);
             let all: Vec<ModuleId> = swarm.living().map(|(id, _)| id).collect();

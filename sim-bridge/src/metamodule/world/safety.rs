@@ -29,7 +29,8 @@ impl MetamoduleWorld {
         let own = Some(Occupant::Body(id));
         let not_free =
             |c: &&Cell| self.obstacles.contains(c) || self.claims.get(**c).is_some_and(|by| Some(by) != own);
-        if let Some(cell) = taken.iter().find(not_free).copied() {
+        let found = taken.iter().find(not_free).copied();
+        if let Some(cell) = found.or_else(|| self.element_in(id, taken)) {
             self.taken_already(now, id, cell);
         }
         self.claim(id);
@@ -43,6 +44,7 @@ impl MetamoduleWorld {
         if let Some(cell) = cells.iter().find(is_lost).copied() {
             self.taken_already(now, id, cell);
         }
+        self.check_elements(now);
         for cell in swept.iter().filter(|c| !cells.contains(c)) {
             if self.claims.get(*cell) == own {
                 self.claims.set(*cell, None);
@@ -95,6 +97,7 @@ impl MetamoduleWorld {
     /// Checks every body: the whole check, for the start, the end and now and then.
     pub fn check_all(&mut self, now: Time) {
         (0..self.bodies.len() as u32).for_each(|id| self.check(now, ModuleId(id)));
+        self.check_elements(now);
     }
 }
 

@@ -1,7 +1,10 @@
 //! All errors in the parts of a scenario that only metamodules have, with their fixes.
 
 use crate::scenario::error::ScenarioError;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::manipulation::element::ElementError;
 use metamorph_protocol::metamodule::blueprint::BlueprintError;
+use metamorph_protocol::metamodule::elements::{ElementsError, MAX_ELEMENTS};
 use metamorph_protocol::metamodule::params::Floor;
 use metamorph_protocol::metamodule::start::StartError;
 use metamorph_protocol::roombots::Kind;
@@ -90,6 +93,59 @@ pub enum MetamoduleError {
     /// A fallback of a strategy that decides by itself anyway.
     #[error("`{0}` makes no plan of the whole, so it has no fallback")]
     NoFallback(&'static str),
+    /// A shape that is no element.
+    #[error(transparent)]
+    Element(#[from] ElementError),
+    /// Elements that cannot be carried.
+    #[error(transparent)]
+    Elements(#[from] ElementsError),
+    /// Too many elements.
+    #[error("there are {0} elements, at most {MAX_ELEMENTS} are possible")]
+    TooManyElements(usize),
+    /// A rotation of an element that does not exist.
+    #[error("`{0}` is not a rotation")]
+    ElementTurn(String),
+    /// A cell of an element is taken.
+    #[error("{name} is in cell {cell}, where a seed or another element is at the same time")]
+    ElementOverlap {
+        /// The element.
+        name: String,
+        /// The cell.
+        cell: Cell,
+    },
+    /// A cell of an element is below the floor.
+    #[error("cell {cell} of {name} is below the floor")]
+    ElementBelowFloor {
+        /// The element.
+        name: String,
+        /// The cell.
+        cell: Cell,
+    },
+    /// An element falls at the start.
+    #[error("{0} does not rest on the floor: its centre of mass is not above the cells at its bottom")]
+    ElementNoRest(String),
+    /// A goal that lattice motions never reach.
+    #[error(
+        "{0} can never be brought to its goal: a lattice motion keeps the colour (x + y + z) mod 2 of every cell"
+    )]
+    ElementColour(String),
+    /// No seed holds the element at its goal.
+    #[error("no metamodule in a seed holds {0} at its goal: no head faces one of its ports")]
+    ElementNoHead(String),
+    /// Metamodules that carry might not hear each other.
+    #[error("two metamodules may meet with {name} before they hear each other")]
+    ElementRange {
+        /// The element.
+        name: String,
+        /// The communication range that is needed.
+        needed: u16,
+    },
+    /// Elements with a strategy that does not carry.
+    #[error("metamodules do not carry elements under `{0}`")]
+    ElementStrategy(&'static str),
+    /// Elements with several goals.
+    #[error("a scenario with elements has one goal, this one has {0}")]
+    ElementGoals(usize),
     /// Goals not sorted by time.
     #[error("this goal replaces the previous one at {at}, but that one starts at {before}")]
     GoalOrder {
@@ -131,6 +187,23 @@ impl MetamoduleError {
             MetamoduleError::NoField(key, _) => {
                 format!("leave `{key}` out, or choose `greedy`, `slope` or `step`")
             }
+            MetamoduleError::Element(_) => "write one of the names, or a list of cells".into(),
+            MetamoduleError::Elements(_) | MetamoduleError::TooManyElements(_) => "leave some out".into(),
+            MetamoduleError::ElementTurn(_) => {
+                "write where z and x point, at right angles, such as \"z-up x-east\"".into()
+            }
+            MetamoduleError::ElementOverlap { .. } => "move one of the two".into(),
+            MetamoduleError::ElementBelowFloor { .. } => "move it up, or choose another `turn`".into(),
+            MetamoduleError::ElementNoRest(_) => "put it on the floor, its bottom in layer 0".into(),
+            MetamoduleError::ElementColour(_) => "move its goal, or its start, by one cell".into(),
+            MetamoduleError::ElementNoHead(_) => {
+                "put its goal next to the head of a seed, or add a seed".into()
+            }
+            MetamoduleError::ElementRange { needed, .. } => {
+                format!("set `communication_range` in [swarm] to at least {needed}")
+            }
+            MetamoduleError::ElementStrategy(_) => "write `strategy = \"planned\"` in [protocol]".into(),
+            MetamoduleError::ElementGoals(_) => "leave the elements or the later goals out".into(),
             MetamoduleError::GoalOrder { .. } => "list the goals in the order of their times".into(),
         }
     }

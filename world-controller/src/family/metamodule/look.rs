@@ -9,7 +9,7 @@ use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::metamodule::blueprint::Task;
 use metamorph_protocol::metamodule::message::{Action, BodyAction, Denial, Message, Order, Percept, Status};
 use metamorph_protocol::metamodule::params::Setup;
-use metamorph_protocol::metamodule::pose::{End, Pose};
+use metamorph_protocol::metamodule::pose::{End, Load, Pose};
 use metamorph_protocol::roombots::lattice_pose::{Half, LatticeRotation};
 use metamorph_protocol::roombots::posture::{is_middle, values};
 use metamorph_protocol::roombots::{HALF_EDGE, OUTER_RADIUS};
@@ -134,7 +134,16 @@ impl Visible for Metamodule {
             BodyAction::Detach => {
                 Some((still("lets go"), Pose { both: false, ..motions.turned_around(*from)? }))
             }
+            BodyAction::Grip(load) => Some((still("grips an element"), Pose { load, ..*from })),
+            BodyAction::LetGo => Some((still("lets go of an element"), Pose { load: Load::NONE, ..*from })),
         }
+    }
+
+    fn elements(setup: &Setup) -> Vec<Vec<Cell>> {
+        setup.elements.all().iter().map(|element| element.start.clone()).collect()
+    }
+    fn held(setup: &Setup, pose: &Pose) -> Option<(usize, Vec<Cell>)> {
+        setup.held(*pose)
     }
 
     fn cell(pose: &Pose) -> Cell {
@@ -273,7 +282,7 @@ mod tests {
                 turns += 1;
                 let (class, end) = (turns % 4, if turns % 2 == 0 { End::Foot } else { End::Head });
                 let state = GridState::new(2, -3, class as u8);
-                let from = Pose { state, end, both: false, posture: i as u16 };
+                let from = Pose { end, ..Pose::standing(state, i as u16) };
                 let action = Action { deed: BodyAction::Turn(number as u16), not_after: Time::ZERO };
                 let Some((_, to)) = Metamodule::motion(&setup, &from, &action) else { continue };
                 let after = table.postures()[usize::from(to.posture)].posture;
@@ -316,7 +325,7 @@ mod tests {
         let mut swapped = 0;
         for posture in 0..setup.motions.table().postures().len() as u16 {
             for end in [End::Foot, End::Head] {
-                let from = Pose { state: GridState::new(-1, 6, 3), end, both: true, posture };
+                let from = Pose { end, both: true, ..Pose::standing(GridState::new(-1, 6, 3), posture) };
                 let action = Action { deed: BodyAction::Detach, not_after: Time::ZERO };
                 let Some((motion, to)) = Metamodule::motion(&setup, &from, &action) else { continue };
                 assert_eq!((motion.segments, to.end), (Vec::new(), end.other()));

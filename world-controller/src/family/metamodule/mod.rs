@@ -2,6 +2,7 @@
 
 mod bounds;
 mod describe;
+mod elements;
 mod error;
 mod faults;
 mod field;

@@ -32,6 +32,39 @@ pub struct MetamoduleReport {
     pub last_fill_s: f64,
     /// The work of the planner under `planned`; `null` for the others.
     pub plan: Option<PlanReport>,
+    /// The passive elements; left out if there are none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub elements: Option<ElementsReport>,
+}
+
+/// The passive elements of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ElementsReport {
+    /// Elements at their goals at the end.
+    pub placed: u64,
+    /// Elements that are not there and that a dead metamodule holds.
+    pub pinned: Vec<PinnedReport>,
+    /// Elements that are neither at their goals nor pinned.
+    pub on_the_way: u64,
+    /// Elements handed over: let go while another metamodule held on.
+    pub hand_overs: u64,
+    /// Grips closed.
+    pub grips: u64,
+    /// Steps of joints with an element.
+    pub carries: u64,
+    /// Refusals to let an element go that would have fallen.
+    pub drops_prevented: u64,
+    /// Refusals of steps over the limits of torque.
+    pub overloads_prevented: u64,
+}
+
+/// An element that cannot be moved.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct PinnedReport {
+    /// The element.
+    pub element: String,
+    /// The dead metamodule that holds it.
+    pub by: u32,
 }
 
 /// The work of the planner.
@@ -109,6 +142,9 @@ pub fn part(m: &MetamoduleReport, d: &MoveReport, modules: usize, is_begun: bool
             ),
         ));
     }
+    if let Some(elements) = &m.elements {
+        moves.push(("elements", elements_text(elements)));
+    }
     let [turns, connections, releases] = actions;
     let note = format!(
         "Kind {}, strategy {}. A move is all that a metamodule does from one connection to the next; its actions \
@@ -116,4 +152,25 @@ pub fn part(m: &MetamoduleReport, d: &MoveReport, modules: usize, is_begun: bool
         m.kind, m.strategy
     );
     FamilyPart { key: KEY, value: json!(m), text: FamilyText { moves, note, joint_steps: Some(m.turns) } }
+}
+
+fn elements_text(e: &ElementsReport) -> String {
+    let all = e.placed + e.pinned.len() as u64 + e.on_the_way;
+    let pinned: Vec<String> =
+        e.pinned.iter().map(|p| format!("; {} is pinned by dead metamodule {}", p.element, p.by)).collect();
+    let prevented = match (e.drops_prevented, e.overloads_prevented) {
+        (0, 0) => String::new(),
+        (drops, overloads) => {
+            format!("; {} and {} prevented", many(drops, "drop"), many(overloads, "overload"))
+        }
+    };
+    format!(
+        "{} of {} placed; {}, {}, {}{}{prevented}",
+        count(e.placed),
+        count(all),
+        many(e.grips, "grip"),
+        many(e.hand_overs, "hand-over"),
+        many(e.carries, "carrying step"),
+        pinned.concat()
+    )
 }

@@ -1,7 +1,7 @@
 //! Runs a swarm of metamodules and collects its results.
 
 use super::Metamodules;
-use super::report::{self, LevelReport, MetamoduleReport, PlanReport};
+use super::report::{self, ElementsReport, LevelReport, MetamoduleReport, PinnedReport, PlanReport};
 use crate::report::run_result::RunResult;
 use crate::report::schema::MoveReport;
 use crate::run::runnable::{Runnable, stage};
@@ -14,6 +14,31 @@ use metamorph_sim_bridge::metamodule::world::MetamoduleWorld;
 use metamorph_sim_bridge::world::World;
 use metamorph_sim_bridge::world::invariants::Violation;
 use std::sync::Arc;
+
+/// Returns the report of the elements; `None` if there are none.
+fn elements_report(
+    setup: &Setup,
+    director: &MetamoduleDirector,
+    world: &MetamoduleWorld,
+) -> Option<ElementsReport> {
+    let (all, deeds) = (setup.elements.all(), world.deeds());
+    let placed = all.iter().enumerate().filter(|(e, element)| world.element(*e) == element.goal).count();
+    let pinned: Vec<PinnedReport> = director
+        .pinned(world)
+        .into_iter()
+        .map(|(e, by)| PinnedReport { element: all[e].name.clone(), by: by.0 })
+        .collect();
+    (!all.is_empty()).then(|| ElementsReport {
+        placed: placed as u64,
+        on_the_way: (all.len() - placed - pinned.len()) as u64,
+        pinned,
+        hand_overs: deeds.hand_overs,
+        grips: deeds.grips,
+        carries: deeds.carries,
+        drops_prevented: deeds.drops_prevented,
+        overloads_prevented: deeds.overloads_prevented,
+    })
+}
 
 impl Runnable for Metamodules {
     type World = MetamoduleWorld;
@@ -59,7 +84,7 @@ impl Runnable for Metamodules {
         });
         let bodies = MoveReport {
             started: deeds.started,
-            completed: deeds.turns + deeds.moves + deeds.released,
+            completed: deeds.turns + deeds.moves + deeds.released + deeds.grips + deeds.let_go,
             failed: deeds.failed,
             refused_taken: deeds.blocked,
             refused_late: deeds.late,
@@ -96,6 +121,7 @@ impl Runnable for Metamodules {
                         handed_over: p.handed_over,
                         work: p.work,
                     }),
+                    elements: elements_report(&self.setup, director, world),
                 },
                 &bodies,
                 world.len(),
@@ -108,7 +134,7 @@ impl Runnable for Metamodules {
         world.check_all(now);
         let deeds = world.deeds();
         // Space and grips at the start and end of each action, and of every body once at the end.
-        let ended = deeds.turns + deeds.moves + deeds.released + deeds.failed;
+        let ended = deeds.turns + deeds.moves + deeds.released + deeds.grips + deeds.let_go + deeds.failed;
         let checks = (deeds.started + ended + world.len() as u64) * 2;
         (world.take_violations(), checks)
     }

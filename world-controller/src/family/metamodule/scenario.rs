@@ -6,6 +6,7 @@
 
 use super::Metamodules;
 use super::bounds::bounds;
+use super::elements::{self, RawElement, Surroundings};
 use super::error::{MAX_COMMUNICATION_RANGE, MAX_FLOOR, MAX_METAMODULES, MetamoduleError};
 use super::field::RawField;
 use super::motion_database::motions;
@@ -13,7 +14,7 @@ use crate::scenario::diagnostics::{At, Diagnostics, Place};
 use crate::scenario::error::ScenarioError;
 use crate::scenario::family::{DraftContext, FamilySpec, Patience, RawSwarm, SectionKind, Sections, Swarm};
 use crate::scenario::raw::{goal_sections, protocol_section};
-use crate::scenario::table::{Connector, Node, Read, Section, elements, wrong};
+use crate::scenario::table::{Connector, Node, Read, Section, elements as list, wrong};
 use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::metamodule::blueprint::{
     Blueprint, BlueprintError, Seed, SeedOrder, box_of_four, chair_of_six,
@@ -22,7 +23,7 @@ use metamorph_protocol::metamodule::motions::Motions;
 use metamorph_protocol::metamodule::params::{
     Detector, Floor, LEAST_COMMUNICATION_RANGE, Params, SeedAuthority, Setup, Strategy,
 };
-use metamorph_protocol::metamodule::pose::{End, Pose, to_world};
+use metamorph_protocol::metamodule::pose::{Pose, to_world};
 use metamorph_protocol::metamodule::start::{Start, draw_start};
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::grid::GridState;
@@ -63,6 +64,7 @@ pub struct RawMetamodules {
     floor: Floor,
     communication_range: Option<At<u64>>,
     start: At<RawStart>,
+    elements: Vec<RawElement>,
     goals: Vec<RawGoal>,
     strategy: Strategy,
     field: RawField,
@@ -123,6 +125,7 @@ impl RawMetamodules {
             floor: swarm.get("floor", diagnostics).map_or(FLOOR, |f| f.value),
             communication_range: swarm.get(range, diagnostics),
             start: start.unwrap_or_else(|| At { value: RawStart::Random, place: swarm.place().clone() }),
+            elements: elements::read(swarm.node("element"), diagnostics),
             goals: Vec::new(),
             strategy: Strategy::default(),
             field: RawField::default(),
@@ -307,8 +310,18 @@ impl RawSwarm for RawMetamodules {
             patience: Patience { bounds: bounds(&params, passage), livelock: 16, timeout: all as u64 + 1 },
         };
         if let (Some(goals), true) = (goals, diagnostics.is_empty()) {
-            let setup = Setup { params, floor: self.floor, goals, motions };
-            draft.swarm = self.placed(Arc::new(setup), count, seed, diagnostics);
+            let around = Surroundings {
+                floor: self.floor,
+                goals: &goals,
+                motions: &motions,
+                strategy: self.strategy,
+                communication_range: params.communication_range,
+            };
+            let elements = elements::checked(&self.elements, &around, diagnostics);
+            if let (Some(elements), true) = (elements, diagnostics.is_empty()) {
+                let setup = Setup { params, floor: self.floor, goals, motions, elements };
+                draft.swarm = self.placed(Arc::new(setup), count, seed, diagnostics);
+            }
         }
         Some(draft)
     }
@@ -327,7 +340,7 @@ fn listed(setup: &Setup, places: &[At<GridState>], diagnostics: &mut Diagnostics
             diagnostics.add(place.clone(), MetamoduleError::StartTwice { first, second, at });
         }
     }
-    let upright = |state| Pose { state, end: End::Foot, both: false, posture };
+    let upright = |state| Pose::standing(state, posture);
     places.iter().map(|p| upright(p.value)).collect()
 }
 
@@ -399,8 +412,8 @@ fn read_shape(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Vec<Vec<
 
 fn read_levels(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Vec<Vec<At<Seed>>>> {
     let mut levels = Vec::new();
-    for level in elements(node, LEVELS, diagnostics)?.iter() {
-        let seeds = elements(level, LEVELS, diagnostics)?;
+    for level in list(node, LEVELS, diagnostics)?.iter() {
+        let seeds = list(level, LEVELS, diagnostics)?;
         if seeds.is_empty() {
             diagnostics.add(level.span(), MetamoduleError::from(BlueprintError::Empty));
         }
@@ -429,7 +442,7 @@ impl Read for Seed {
 }
 
 fn directions(node: &Node<'_>, example: &'static str, diagnostics: &mut Diagnostics) -> Option<[Face; 3]> {
-    let array = elements(node, example, diagnostics)?;
+    let array = list(node, example, diagnostics)?;
     let mut faces = Vec::new();
     for element in array.iter() {
         let got = String::read(element, diagnostics)?;

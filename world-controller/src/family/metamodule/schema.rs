@@ -1,5 +1,6 @@
 //! The parts of the JSON schema of scenarios that only metamodules have.
 
+use super::elements::{MASS, TURN};
 use super::error::{MAX_COMMUNICATION_RANGE, MAX_FLOOR, MAX_METAMODULES};
 use super::field::{MAX_RANGE, MAX_THOUSANDTHS};
 use super::scenario::{CLASS, FACES, FALLBACKS, FLOOR, KIND, SEED_AUTHORITIES, SHAPES};
@@ -8,7 +9,10 @@ use crate::scenario::plan::BEAT;
 use crate::scenario::schema::{
     NUMBERED, former, names, of, one_of, one_of_its_keys, or, said, seldom, table, text,
 };
+use metamorph_protocol::manipulation::element::{MAX_CELLS, NAMES};
+use metamorph_protocol::manipulation::load::MAX_GRAMS;
 use metamorph_protocol::metamodule::blueprint::SeedOrder;
+use metamorph_protocol::metamodule::elements::MAX_ELEMENTS;
 use metamorph_protocol::metamodule::params::{
     COMMUNICATION_RANGE, LEAST_COMMUNICATION_RANGE, PrecedenceBy, Strategy,
 };
@@ -59,6 +63,10 @@ fn swarm() -> Value {
             "start": said("Drawn from the seed of the run, or a list.", or("random", start)),
             "turn_time": or(BEAT.to_string(), of("time")),
             "failed_connections": seldom(),
+            "element": said(
+                "Passive elements that metamodules carry, with `strategy = \"planned\"`.",
+                json!({ "type": "array", "maxItems": MAX_ELEMENTS, "items": of("element") }),
+            ),
         }),
     )
 }
@@ -127,6 +135,31 @@ fn definitions() -> Vec<(&'static str, Value)> {
                 &[],
                 json!({ "box": of("connector"), "chair": of("connector") }),
             )),
+        ),
+        (
+            "element",
+            table(
+                "A passive element: where it lies at the start, and where metamodules in seeds hold it in the end.",
+                &["shape", "at", "to"],
+                json!({
+                    "name": said("If left out, `element 1` and so on.", text()),
+                    "shape": said(
+                        &format!("A name ({NAMES}) or a list of cells."),
+                        json!({ "anyOf": [{ "type": "string" }, { "type": "array", "minItems": 1, "maxItems": MAX_CELLS, "items": of("cell") }] }),
+                    ),
+                    "mass": said("In kilograms.", or(MASS, json!({ "type": "number", "exclusiveMinimum": 0, "maximum": MAX_GRAMS / 1000 }))),
+                    "at": said("Its place at the start.", of("lying")),
+                    "to": said("Its goal.", of("lying")),
+                }),
+            ),
+        ),
+        (
+            "lying",
+            table(
+                "The cell where cell (0, 0, 0) of an element is, and where its z and x axes point.",
+                &["cell"],
+                json!({ "cell": of("cell"), "turn": or(TURN, text()) }),
+            ),
         ),
         (
             "seed",

@@ -8,7 +8,7 @@ use metamorph_protocol::metamodule::message::{
     Action, BodyAction, Instruction, Order as MetamoduleOrder, Percept as MetamodulePercept,
     Refusal as MetamoduleRefusal, Status as MetamoduleStatus,
 };
-use metamorph_protocol::metamodule::pose::{End, Pose};
+use metamorph_protocol::metamodule::pose::{End, Load, Pose};
 use metamorph_protocol::time::Time;
 
 impl Worded for Metamodule {
@@ -20,13 +20,16 @@ impl Worded for Metamodule {
         };
         let (x, y) = pose.foot();
         let turned = u16::from(pose.state.class) * 90;
-        format!("({x}, {y}), turned {turned}°, {end}, in posture {}", pose.posture)
+        let holds = if pose.load == Load::NONE { "" } else { ", with an element" };
+        format!("({x}, {y}), turned {turned}°, {end}, in posture {}{holds}", pose.posture)
     }
     fn action(Action { deed, not_after }: &Action) -> String {
         let how = match deed {
             BodyAction::Turn(step) => format!("turn a joint (step {step} of its posture)"),
             BodyAction::Attach => "grip with its free end".to_owned(),
             BodyAction::Detach => "release one end".to_owned(),
+            BodyAction::Grip(_) => "grip an element with its free end".to_owned(),
+            BodyAction::LetGo => "let go of its element".to_owned(),
         };
         if *not_after == Time::NEVER { how } else { format!("{how}, by {}", at(*not_after).trim_start()) }
     }
@@ -65,6 +68,10 @@ impl Worded for Metamodule {
                 "decide for yourself".to_owned()
             }
             MetamoduleOrder::Instruct { instruction: Instruction::Stay, .. } => "stay".to_owned(),
+            MetamoduleOrder::Instruct { number, instruction: Instruction::Handle { from, load, .. } } => {
+                let what = if *load == Load::NONE { "let go of" } else { "grip" };
+                format!("order {number}: from {} {what} an element", Metamodule::place(from))
+            }
             MetamoduleOrder::Instruct {
                 number,
                 instruction: Instruction::Move { from, posture, lands, .. },

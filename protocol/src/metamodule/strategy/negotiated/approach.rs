@@ -50,7 +50,7 @@ impl Scene<'_> {
                 return Some(through);
             }
             let worth = through.steps.len() + in_way + if patient { 0 } else { DETOUR };
-            let bodies = fixed.iter().copied().chain(self.free.iter().flat_map(|o| o.cells));
+            let bodies = fixed.iter().copied().chain(self.free.iter().flat_map(|o| o.cells.iter().copied()));
             let bodies: Vec<Cell> = bodies.collect();
             Some(self.v.ground(&bodies).to_seed(pose, seed, fixed, worth).unwrap_or(through))
         };

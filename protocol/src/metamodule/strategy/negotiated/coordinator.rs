@@ -23,7 +23,8 @@ use crate::metamodule::params::Setup;
 use crate::metamodule::plan::{Aim, Plan};
 use crate::metamodule::planning::cooperative::{Move, SearchResult, Standstill, WORK, search};
 use crate::metamodule::planning::lru_cache::mix;
-use crate::metamodule::pose::Pose;
+use crate::metamodule::planning::transport::is_at_goal;
+use crate::metamodule::pose::{Load, Pose};
 use crate::metamodule::strategy::Context;
 use crate::metamodule::view::View;
 use crate::time::Time;
@@ -293,7 +294,10 @@ pub(super) fn own_move(scene: &Scene<'_>, instruction: Instruction) -> Option<Pl
     if mover != v.own.id || !stands(pose, from) || v.has(Defect::StandInTheWay) {
         return None;
     }
-    let fills = v.seed_filled_in(Pose { posture, ..pose }).filter(|s| v.open().has(*s));
+    let after = Pose { posture, ..pose };
+    // With an element it settles only where the element is at its goal: a step earlier may fill the seed as well.
+    let is_placed = v.setup.held(after).is_none_or(|(element, cells)| is_at_goal(v.setup, element, &cells));
+    let fills = v.seed_filled_in(after).filter(|s| v.open().has(*s) && is_placed);
     let aim = match fills {
         _ if lands => Aim::Land,
         Some(seed) => Aim::Settle(seed),
@@ -303,14 +307,19 @@ pub(super) fn own_move(scene: &Scene<'_>, instruction: Instruction) -> Option<Pl
         // It stands so already, and may not fill the seed yet. A motion of no steps would begin again at once.
         return None;
     }
-    let plan = Plan::to(&v.ground(&scene.taken), pose, posture, aim)?;
+    let plan = match pose.load {
+        Load::NONE => Plan::to(&v.ground(&scene.taken), pose, posture, aim)?,
+        // While two hold an element their chain is closed, so neither turns.
+        _ if v.shares_element() => return None,
+        _ => Plan::carry(v.setup, pose, posture, &scene.taken, aim)?,
+    };
     hit(CoveragePoint::MetaCalled);
     Some(plan)
 }
 
 /// Whether a body stands as a move wants it to.
 fn stands(pose: Pose, as_in: Pose) -> bool {
-    (pose.state, pose.posture, pose.both) == (as_in.state, as_in.posture, false)
+    (pose.state, pose.posture, pose.both, pose.load) == (as_in.state, as_in.posture, false, as_in.load)
 }
 
 /// Whether a body in `pose` has made a move.

@@ -13,7 +13,8 @@ use std::collections::BTreeMap;
 pub(super) struct Other {
     pub id: ModuleId,
     pub pose: Pose,
-    pub cells: [Cell; 4],
+    /// The cells of its body and of the element that it holds.
+    pub cells: Vec<Cell>,
     /// Its pose after the motion that this metamodule has granted it; `pose` if there is none.
     pub soon: Pose,
     pub claim: Option<Claim>,
@@ -44,12 +45,12 @@ pub(super) struct Scene<'a> {
 
 impl<'a> Scene<'a> {
     pub fn new(v: View<'a>, paths: &BTreeMap<Port, Path>) -> Scene<'a> {
-        let (own, motions) = (v.own, v.motions());
+        let own = v.own;
         let fixed = v.fixed();
         let (mut stays, mut blocked) = (fixed.clone(), Vec::new());
         let (mut free, mut candidates, mut movable) = (Vec::new(), Vec::new(), Vec::new());
         for (port, state) in v.neighbours.states().filter(|(_, s)| !v.neighbours.is_dead(s.id)) {
-            let cells = motions.cells(state.pose);
+            let cells: Vec<Cell> = v.setup.occupied(state.pose).collect();
             let soon = v.locks.grant_of(port).map_or(state.pose, |g| Pose { posture: g.ends, ..g.pose });
             if v.stays(state) || state.stuck {
                 stays.extend(cells);
@@ -77,8 +78,8 @@ impl<'a> Scene<'a> {
         let mut built = fixed;
         let fixed = [&stays[..], &blocked].concat();
         let mut taken = fixed.clone();
-        taken.extend(free.iter().flat_map(|o| o.cells));
-        taken.extend(v.locks.cells(motions));
+        taken.extend(free.iter().flat_map(|o| &o.cells));
+        taken.extend(v.locks.cells(v.setup));
         let seeds = || v.setup.seeds(own.task).map(|(_, s)| s);
         built.extend(seeds().flat_map(|s| s.cells()));
         let (far, none) = ((i16::MIN, i16::MIN), (i16::MAX, i16::MAX));
@@ -91,7 +92,7 @@ impl<'a> Scene<'a> {
 
     /// All cells with something in them.
     pub fn bodies(&self) -> Vec<Cell> {
-        self.fixed.iter().copied().chain(self.free.iter().flat_map(|o| o.cells)).collect()
+        self.fixed.iter().copied().chain(self.free.iter().flat_map(|o| o.cells.iter().copied())).collect()
     }
     pub fn seed(&self, number: u8) -> Option<Seed> {
         self.v.setup.seed(self.v.own.task, number)

@@ -158,7 +158,7 @@ fn route_aside(scene: &Scene<'_>, rank: Rank) -> Option<Route> {
     let past = |ground: &Ground<'_>| ground.aside(pose, is_past).filter(|route| !route.is_over());
     // More important metamodules do not make way.
     let is_firm = |o: &&Other| o.path.is_some_and(|w| (w.rank, o.id) < (rank, v.own.id));
-    let firm = scene.free.iter().filter(is_firm).flat_map(|o| o.cells);
+    let firm = scene.free.iter().filter(is_firm).flat_map(|o| o.cells.iter().copied());
     let firm: Vec<Cell> = scene.fixed.iter().copied().chain(firm).collect();
     let (free, firm) = (v.ground(&scene.taken), v.ground(&firm));
     free.aside(pose, is_non_blocking)

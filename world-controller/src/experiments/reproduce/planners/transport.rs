@@ -15,7 +15,7 @@ use metamorph_protocol::manipulation::worlds::World;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::roombots::Kind;
 use std::collections::BTreeMap;
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// Terrains for each probability, as published.
 const PUBLISHED: u64 = 50;
@@ -93,7 +93,7 @@ impl Outcomes {
 /// Makes the table.
 pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
     let mut table = PlannerTable::new(Experiment::Transport);
-    let database = Rc::new(motion_database::database(true));
+    let database = Arc::new(motion_database::database(true));
     let cube: Element = "cube".parse().expect("invariant: the cube is a named element");
     for kind in Kind::METAMODULES {
         let scene = Scene::new(database.clone(), kind, &cube, GRAMS, Limits::NOMINAL, Terrain::experiment());

@@ -1,0 +1,214 @@
+//! Plans how one element is brought to its goal, in the terms of a swarm: poses, postures and loads. The search is that
+//! of [`crate::manipulation::transport`].
+
+use super::cooperative::Standstill;
+use crate::lattice::{Cell, Face};
+use crate::manipulation::load::Peak;
+use crate::manipulation::scene::{Foothold, Scene, hand_overs};
+use crate::manipulation::terrain::Terrain;
+use crate::manipulation::transport::{Answer, Reason, Task, plan as search};
+use crate::manipulation::verification::{Action, Deed};
+use crate::manipulation::walking::{Body, Ground, Motion};
+use crate::metamodule::params::Setup;
+use crate::metamodule::pose::{Load, Pose};
+use crate::roombots::lattice_pose::{LatticePose, LatticeRotation};
+use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
+
+/// The weight of the lower bound in hundredths.
+const WEIGHT: u32 = 500;
+/// Work of planning one transport, in placements examined, as scenario time is taken for it: a constant, since most of
+/// it is the making of graphs that depend on the floor only.
+pub const TRANSPORT_WORK: usize = 2_000_000;
+
+/// What one metamodule does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TransportDeed {
+    /// It turns to a posture; with an element, by one step.
+    Turn(u16),
+    /// It turns to a posture and lands.
+    Land(u16),
+    /// It grips the element, or lets it go.
+    Handle(Load),
+}
+
+/// A step of a transport. Each comes after the one before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TransportStep {
+    /// The index of the metamodule in [`Standstill::free`].
+    pub body: usize,
+    /// Its pose before.
+    pub from: Pose,
+    /// Its pose afterwards.
+    pub to: Pose,
+    /// What it does.
+    pub deed: TransportDeed,
+}
+
+/// A plan for one element.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TransportPlan {
+    /// The steps, in order.
+    pub steps: Vec<TransportStep>,
+    /// The number of hand-overs.
+    pub hand_overs: u32,
+    /// Landings and grips.
+    pub connections: u32,
+    /// The largest torques while the element is carried.
+    pub peak: Peak,
+}
+
+/// The answer of the planner.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum TransportAnswer {
+    /// A plan.
+    Plan(TransportPlan),
+    /// There is no plan with lattice angles in which the element is always held.
+    Infeasible(Reason),
+    /// Neither a plan nor a proof was found.
+    Undecided,
+}
+
+/// Plans how an element is brought from where it is to its goal, so that its last holder fills one of the open seeds.
+/// Hand-overs are tried if there is no plan without, and only of an element with one grip: the tables of hand-overs grow
+/// with the square of the number of grips.
+pub fn plan_transport(at: &Standstill, element: usize) -> TransportAnswer {
+    let answer = planned(at, element, false);
+    let has_plan = matches!(answer, TransportAnswer::Plan(_) | TransportAnswer::Infeasible(Reason::Colour));
+    match at.setup.elements.loads_of(element).len() {
+        1 if !has_plan => planned(at, element, true),
+        _ if has_plan => answer,
+        // There may be a plan with hand-overs.
+        _ => TransportAnswer::Undecided,
+    }
+}
+
+fn planned(at: &Standstill, element: usize, with_hand_overs: bool) -> TransportAnswer {
+    let (setup, loads) = (&*at.setup, at.setup.elements.loads_of(element));
+    let Some(passive) = setup.elements.all().get(element) else { return TransportAnswer::Undecided };
+    let scene = scene(setup, element, &loads, with_hand_overs);
+    let ground = Ground::new(&scene, |_| true);
+    let footholds: HashMap<LatticePose, Foothold> =
+        (0..).zip(scene.footholds()).map(|(i, pose)| (*pose, i)).collect();
+    let body = |pose: &Pose| {
+        let foothold = *footholds.get(&foot(*pose))?;
+        Some(Body { foothold, posture: pose.posture })
+    };
+    let Some(bodies) = at.free.iter().map(body).collect::<Option<Vec<Body>>>() else {
+        return TransportAnswer::Undecided;
+    };
+    let holder = at.free.iter().position(|pose| setup.elements.of(pose.load) == Some(element));
+    let grip_of = |load: Load| loads.iter().position(|l| *l == load);
+    let held_by = holder.and_then(|i| Some((i as u8, grip_of(at.free[i].load)? as u8)));
+    let start = holder.and_then(|i| setup.held(at.free[i])).map_or(passive.start.clone(), |(_, cells)| cells);
+    let open = setup.goal(at.task).open(at.filled);
+    let seeds = setup.seeds(at.task).filter(|(seed, _)| open.has(*seed));
+    let task = Task {
+        bodies,
+        start,
+        held_by,
+        goal: passive.goal.clone(),
+        ends: Some(seeds.map(|(_, seed)| seed.cells()).collect()),
+        fixed: at.fixed.clone(),
+        weight: WEIGHT,
+    };
+    match search(&ground, &task) {
+        Answer::Plan(found) => {
+            let connections = found.connections();
+            let Some((steps, peak)) = steps_of(at, &loads, &found.actions) else {
+                return TransportAnswer::Undecided;
+            };
+            TransportAnswer::Plan(TransportPlan { steps, hand_overs: found.hand_overs, connections, peak })
+        }
+        Answer::Infeasible(reason) => TransportAnswer::Infeasible(reason),
+        Answer::Undecided { .. } => TransportAnswer::Undecided,
+    }
+}
+
+/// Returns the graphs of the floor for the grips of an element.
+fn scene(setup: &Setup, element: usize, loads: &[Load], with_hand_overs: bool) -> Scene {
+    let elements = &setup.elements;
+    let carry: Vec<_> = loads.iter().filter_map(|load| elements.carry(*load)).cloned().collect();
+    let within = |(grip, load): (u8, &Load)| {
+        let peaks = (0..).map_while(|step| elements.peak(*load, step));
+        ((grip, Face::Down), peaks.map(|peak| peak.within(elements.limits())).collect())
+    };
+    let within = (0..).zip(loads).map(within).collect();
+    let hand_overs = match with_hand_overs {
+        true => hand_overs(setup.motions.table(), &elements.all()[element].shape, &carry),
+        false => BTreeMap::new(),
+    };
+    let floor = Terrain::rectangle(setup.floor.min, setup.floor.max);
+    Scene::of_tables(Arc::clone(setup.motions.database()), carry, within, hand_overs, floor)
+}
+
+/// Returns the pose of the foot on the floor.
+fn foot(pose: Pose) -> LatticePose {
+    let rotation = LatticeRotation::QUARTER.power(pose.state.class);
+    LatticePose { rotation, half: [2 * pose.state.x, 2 * pose.state.y, 0] }
+}
+
+/// Returns the steps of a plan. Turns of a metamodule without an element become one step, since it finds its own way.
+fn steps_of(at: &Standstill, loads: &[Load], actions: &[Action]) -> Option<(Vec<TransportStep>, Peak)> {
+    let (setup, mut poses) = (&at.setup, at.free.clone());
+    let (mut steps, mut peak): (Vec<TransportStep>, Peak) = (Vec::new(), Peak::default());
+    for Action { mover, deed } in actions {
+        let from = poses[*mover];
+        let (to, deed) = match deed {
+            Deed::Move(Motion::Turn { to, .. }) => (Pose { posture: *to, ..from }, TransportDeed::Turn(*to)),
+            Deed::Move(Motion::Land(_)) => {
+                (setup.motions.turned_around(from)?, TransportDeed::Land(from.posture))
+            }
+            Deed::Grip { grip } => {
+                let load = *loads.get(usize::from(*grip))?;
+                (Pose { load, ..from }, TransportDeed::Handle(load))
+            }
+            Deed::LetGo => (Pose { load: Load::NONE, ..from }, TransportDeed::Handle(Load::NONE)),
+        };
+        poses[*mover] = to;
+        if let (TransportDeed::Turn(posture), true) = (deed, from.load != Load::NONE) {
+            peak = peak.max(setup.carried_step(from, posture)?.peak);
+        }
+        let is_walk = from.load == Load::NONE && !matches!(deed, TransportDeed::Handle(_));
+        match steps.last_mut() {
+            Some(last) if is_walk && last.body == *mover && matches!(last.deed, TransportDeed::Turn(_)) => {
+                (last.to, last.deed) = (to, deed);
+            }
+            _ => steps.push(TransportStep { body: *mover, from, to, deed }),
+        }
+    }
+    Some((steps, peak))
+}
+
+/// Returns the loads by which metamodules in their seeds can still grip an element at its goal: the number of each
+/// metamodule in `settled` with the load.
+pub fn missing_bonds(setup: &Setup, settled: &[Pose]) -> Vec<(usize, Load)> {
+    let mut missing = Vec::new();
+    for (element, passive) in setup.elements.all().iter().enumerate() {
+        for (i, pose) in settled.iter().enumerate().filter(|(_, pose)| pose.load == Load::NONE) {
+            missing.extend(setup.loads_at(*pose, element, &passive.goal).map(|load| (i, load)));
+        }
+    }
+    missing
+}
+
+/// Returns the posture in which a metamodule fills the same seed as in `posture` and its head faces an element at its goal.
+/// Without such a posture, or a way to it around these cells, returns `posture`.
+pub fn facing(setup: &Setup, from: Pose, posture: u16, fixed: &[Cell]) -> u16 {
+    let (motions, elements) = (&setup.motions, setup.elements.all());
+    let taken = motions.graph().seen_from(from.state, fixed);
+    let faces = |to: &u16| {
+        let pose = Pose { posture: *to, ..from };
+        let mut goals = elements.iter().enumerate();
+        goals.any(|(element, passive)| setup.loads_at(pose, element, &passive.goal).is_some())
+            && motions.graph().path(from.posture, *to, taken).is_some()
+    };
+    let chain = motions.graph().chain(posture);
+    let same = chain.map_or(&[][..], |chain| motions.filling(chain));
+    same.iter().copied().find(faces).unwrap_or(posture)
+}
+
+/// Returns true if these cells are those of the goal of an element.
+pub fn is_at_goal(setup: &Setup, element: usize, cells: &[Cell]) -> bool {
+    setup.elements.all().get(element).is_some_and(|passive| passive.goal == cells)
+}

@@ -1,0 +1,43 @@
+//! The director's view of passive elements: what agents are told of them, whether they are placed, and which are pinned.
+
+use super::MetamoduleDirector;
+use super::plan_execution::{ElementNow, Swarm};
+use crate::metamodule::world::MetamoduleWorld;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::metamodule::message::Order;
+use metamorph_protocol::metamodule::planning::transport::is_at_goal;
+use std::collections::BTreeSet;
+
+impl MetamoduleDirector {
+    /// Tells all metamodules which cells have become blocked or free: those of foreign objects and of elements at rest.
+    pub(super) fn tell_obstacles(&mut self, world: &MetamoduleWorld) {
+        let now: BTreeSet<Cell> = world.obstacles().iter().copied().chain(world.resting()).collect();
+        let before = std::mem::replace(&mut self.obstacles, now.clone());
+        for cell in before.symmetric_difference(&now) {
+            self.order_all(Order::Obstacle { cell: *cell, there: now.contains(cell) });
+        }
+    }
+
+    /// Returns what is known of the swarm, for planning.
+    pub(super) fn swarm<'a>(&'a self, world: &MetamoduleWorld) -> Swarm<'a> {
+        let stays = self.foreign(world).into_iter().collect();
+        let element =
+            |e| ElementNow { cells: world.element(e).to_vec(), holders: world.holders(e).collect() };
+        let elements = (0..world.elements()).map(element).collect();
+        let (setup, task, filled) = (&self.setup, self.task, self.filled);
+        Swarm { setup, known: &self.known, task, filled, stays, elements }
+    }
+
+    /// Returns the elements that are not at their goals, each with a dead metamodule whose latch on it stays closed.
+    pub fn pinned(&self, world: &MetamoduleWorld) -> Vec<(usize, ModuleId)> {
+        let by = |e| world.holders(e).find(|id| self.dead.contains(id)).map(|id| (e, id));
+        let away = (0..world.elements()).filter(|e| !is_at_goal(&self.setup, *e, world.element(*e)));
+        away.filter_map(by).collect()
+    }
+
+    /// Returns true if all elements are at their goals, gripped by all metamodules in seeds whose heads face them.
+    pub(super) fn are_elements_placed(&self, world: &MetamoduleWorld) -> bool {
+        world.elements() == 0 || self.swarm(world).is_built()
+    }
+}

@@ -1,0 +1,123 @@
+//! Passive elements in swarms: scenarios with elements are built or say why not, the elements never fall, and runs can be
+//! replayed.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
+
+use metamorph_tests::command::{Ran, refused, report, run, run_processes, scenario};
+use metamorph_world_controller::family::metamodule::report::{ElementsReport, MetamoduleReport};
+use metamorph_world_controller::report::schema::Report;
+use std::fs;
+
+fn table() -> String {
+    scenario("table.toml").display().to_string()
+}
+
+fn simulated(options: &[&str]) -> Ran {
+    run(&[&["run", &table(), "--link", "sim", "--json", "-"], options].concat())
+}
+
+fn elements(report: &Report) -> ElementsReport {
+    let part = &report.family_parts["metamodules"];
+    serde_json::from_value::<MetamoduleReport>(part.clone()).unwrap().elements.unwrap()
+}
+
+/// The goal is built, or the run ends at a standstill, and the report names a dead metamodule that holds the plate. Nothing
+/// falls.
+fn is_built_or_pinned(ran: &Ran, about: &str) -> bool {
+    let report = report(&ran.out);
+    let elements = elements(&report);
+    assert_eq!(report.invariants.broken, 0, "{about}: {ran:?}");
+    match ran.code {
+        Some(0) => {
+            assert_eq!((elements.placed, elements.on_the_way), (1, 0), "{about}");
+            assert!(elements.grips >= 4 && elements.pinned.is_empty(), "{about}: {elements:?}");
+            true
+        }
+        Some(3) => {
+            // A dead body in a seed, or where the plate has to pass, stays there too.
+            let is_pinned = ran.out.contains("element-pinned");
+            assert_eq!(elements.pinned.len(), usize::from(is_pinned), "{about}: {ran:?}");
+            assert_eq!(elements.placed + elements.on_the_way + elements.pinned.len() as u64, 1, "{about}");
+            false
+        }
+        _ => panic!("{about}: {ran:?}"),
+    }
+}
+
+#[test]
+fn a_table_is_built_with_its_plate() {
+    let ran = simulated(&[]);
+    assert!(is_built_or_pinned(&ran, "without faults"));
+    let elements = elements(&report(&ran.out));
+    assert!(elements.carries > 2, "{elements:?}");
+    assert_eq!((elements.hand_overs, elements.drops_prevented, elements.overloads_prevented), (0, 0, 0));
+}
+
+#[test]
+fn a_table_is_built_over_bad_links_and_with_grips_that_fail() {
+    for options in [&["--loss", "20%"][..], &["--set", "swarm.failed_connections=20%"]] {
+        assert!(is_built_or_pinned(&simulated(options), &format!("{options:?}")));
+    }
+}
+
+/// Whichever metamodule dies, and whenever: the plate is placed by the others, or the dead one holds it.
+#[test]
+fn the_plate_never_falls_when_metamodules_die() {
+    let (mut built, mut pinned) = (0, 0);
+    for at in [20, 35, 50, 70, 120] {
+        for id in 0..5 {
+            let kill = format!("{id}@{at}s");
+            match is_built_or_pinned(&simulated(&["--kill", &kill]), &kill) {
+                true => built += 1,
+                false => pinned += 1,
+            }
+        }
+    }
+    assert!(built > 0 && pinned > 0, "{built} built, {pinned} pinned");
+}
+
+#[test]
+fn a_run_with_elements_is_replayed_bit_for_bit() {
+    let directory = tempfile::tempdir().unwrap();
+    let journal = directory.path().join("table").display().to_string();
+    let ran = simulated(&["--journal", &journal]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    let replayed = run(&["replay", &journal]);
+    assert_eq!(replayed.code, Some(0), "{replayed:?}");
+}
+
+#[test]
+fn the_plate_never_falls_when_the_process_of_its_holder_dies() {
+    let options =
+        ["--link", "ipc", "--time-scale", "20", "--json", "-", "--kill", "0@60s", "--restart", "1@30s"];
+    let ran = run_processes(&[&["run", &table()], &options[..]].concat());
+    is_built_or_pinned(&ran, "processes");
+}
+
+#[test]
+fn bad_elements_are_refused_with_place_reason_and_fix() {
+    let text = fs::read_to_string(scenario("table.toml")).unwrap();
+    let with = |old: &str, new: &str| {
+        assert!(text.contains(old), "{old}");
+        text.replace(old, new)
+    };
+    let (at, to) = ("at = { cell = [4, 5, 0] }", "to = { cell = [8, 5, 4] }");
+    for (text, parts) in [
+        (with("plate3x3", "plate"), &["`plate` is not an element", "plate3x3"][..]),
+        (with("\"plate3x3\"", "[[0, 0, 0], [2, 0, 0]]"), &["not connected to the first one by faces"]),
+        (with("mass = 0.5", "mass = 0"), &["the mass in kilograms"]),
+        (with(at, "at = { cell = [4, 5, 1] }"), &["does not rest on the floor"]),
+        (with(at, "at = { cell = [4, 5, 0], turn = \"z-up x-up\" }"), &["`z-up x-up` is not a rotation"]),
+        (with(at, "at = { cell = [4, 5, 0], turn = \"z-north x-down\" }"), &["is below the floor", "top"]),
+        (with(to, "to = { cell = [8, 6, 4] }"), &["the colour (x + y + z) mod 2"]),
+        (with(to, "to = { cell = [8, 5, 2] }"), &["where a seed or another element is"]),
+        (with(to, "to = { cell = [1, 2, 4] }"), &["no head faces one of its ports"]),
+        (
+            with("strategy = \"planned\"", "strategy = \"negotiated\""),
+            &["do not carry elements under `negotiated`"],
+        ),
+        (with("count = 5", "count = 5\ncommunication_range = 9"), &["hear each other", "at least 12"]),
+        (with("shape = \"plate3x3\"\n", ""), &["shape", "[[swarm.element]]"]),
+    ] {
+        refused(&text, &["check", "{}"], parts);
+    }
+}
