@@ -23,6 +23,7 @@ pub mod link;
 pub mod manipulation;
 pub mod metamodule;
 pub mod on_grid;
+pub mod pairing;
 pub mod plan;
 pub mod ratio;
 pub mod record;

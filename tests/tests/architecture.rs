@@ -128,6 +128,7 @@ const LAYERS: [(&str, &[&str]); 4] = [
             "roombots",
             "plan",
             "on_grid",
+            "pairing",
             "assembly",
             "free_module",
             "manipulation",

@@ -1,0 +1,189 @@
+//! A maximum matching of cells, kept by alternating searches.
+//!
+//! An alternating search goes from a cell without a partner along free and paired edges in turn to another one
+//! without a partner, and exchanges the edges of the path. No loop here recurses: a path may be as long as the
+//! structure.
+
+use super::{NONE, Surroundings, is_even};
+use crate::lattice::Face;
+
+/// A matching of the present cells.
+#[derive(Clone, Debug)]
+pub struct Matching {
+    present: Vec<bool>,
+    mate: Vec<u32>,
+    /// The order in which neighbours are tried.
+    faces: [Face; 6],
+    /// The search that last saw a cell at an odd distance.
+    seen: Vec<u32>,
+    search: u32,
+    /// The cell before one at an odd distance.
+    before: Vec<u32>,
+    queue: Vec<u32>,
+}
+
+impl Matching {
+    /// The drawn cells, without a pair.
+    pub fn new(around: &Surroundings) -> Matching {
+        let n = around.cells.len();
+        Matching {
+            present: around.drawn.clone(),
+            mate: vec![NONE; n],
+            faces: Face::ALL,
+            seen: vec![0; n],
+            search: 0,
+            before: vec![NONE; n],
+            queue: Vec::new(),
+        }
+    }
+    /// The partner of each cell, or [`NONE`].
+    pub fn mates(&self) -> &[u32] {
+        &self.mate
+    }
+    /// Whether each cell is there.
+    pub fn present(&self) -> &[bool] {
+        &self.present
+    }
+    /// Returns the present cells without a partner.
+    pub fn unpaired(&self) -> impl Iterator<Item = u32> + '_ {
+        let cells = self.present.iter().zip(&self.mate).enumerate();
+        cells.filter(|(_, (present, mate))| **present && **mate == NONE).map(|(i, _)| i as u32)
+    }
+
+    /// Makes the matching a maximum one. Cells are taken in this order, by default ascending; neighbours in the
+    /// order of `faces`.
+    pub fn complete(&mut self, around: &Surroundings, faces: [Face; 6], order: Option<&[u32]>) {
+        self.faces = faces;
+        let ascending: Vec<u32>;
+        let order = match order {
+            Some(order) => order,
+            None => {
+                ascending = (0..self.mate.len() as u32).collect();
+                &ascending
+            }
+        };
+        for cell in order.iter().copied().filter(|c| self.present[*c as usize]) {
+            if self.mate[cell as usize] == NONE {
+                let partner = self.neighbours(around, cell).find(|n| self.mate[*n as usize] == NONE);
+                if let Some(partner) = partner {
+                    (self.mate[cell as usize], self.mate[partner as usize]) = (partner, cell);
+                }
+            }
+        }
+        // A path of exchange has one even and one odd end. The marks of a pass are kept within it, so that a pass
+        // looks at every edge once; the last pass, which finds nothing, is a complete search.
+        loop {
+            self.forget();
+            let mut found = false;
+            for cell in order.iter().copied() {
+                let open = self.present[cell as usize] && self.mate[cell as usize] == NONE;
+                if open && is_even(around.cells[cell as usize]) {
+                    found |= self.search(around, cell);
+                }
+            }
+            if !found {
+                return;
+            }
+        }
+    }
+
+    fn neighbours<'a>(&'a self, around: &'a Surroundings, cell: u32) -> impl Iterator<Item = u32> + 'a {
+        let neighbours = &around.neighbours[cell as usize];
+        let all = self.faces.iter().map(move |f| neighbours[f.index()]);
+        all.filter(move |n| *n != NONE && self.present[*n as usize])
+    }
+    /// Drops the marks of earlier searches.
+    pub fn forget(&mut self) {
+        self.search += 1;
+    }
+
+    /// Searches from a cell without a partner for another one, and pairs along the path. Cells that an earlier
+    /// search has seen since [`Matching::forget`] are passed over.
+    pub fn search(&mut self, around: &Surroundings, from: u32) -> bool {
+        let mut queue = std::mem::take(&mut self.queue);
+        queue.clear();
+        queue.push(from);
+        let mut next = 0;
+        let mut end = None;
+        'paths: while let Some(cell) = queue.get(next).copied() {
+            next += 1;
+            for face in self.faces {
+                let near = around.neighbours[cell as usize][face.index()];
+                if near == NONE || !self.present[near as usize] || self.seen[near as usize] == self.search {
+                    continue;
+                }
+                self.seen[near as usize] = self.search;
+                self.before[near as usize] = cell;
+                match self.mate[near as usize] {
+                    NONE => {
+                        end = Some(near);
+                        break 'paths;
+                    }
+                    mate => queue.push(mate),
+                }
+            }
+        }
+        self.queue = queue;
+        let found = end.is_some();
+        while let Some(odd) = end {
+            let even = self.before[odd as usize];
+            let former = self.mate[even as usize];
+            (self.mate[even as usize], self.mate[odd as usize]) = (odd, even);
+            end = (former != NONE).then_some(former);
+        }
+        found
+    }
+
+    /// Returns for each cell whether some maximum matching leaves it over: those at an even distance from a cell
+    /// without a partner along alternating paths (Gallai and Edmonds). The matching must be a maximum one.
+    pub fn free(&self, around: &Surroundings) -> Vec<bool> {
+        let mut free = vec![false; self.mate.len()];
+        let mut queue: Vec<u32> = self.unpaired().collect();
+        for cell in &queue {
+            free[*cell as usize] = true;
+        }
+        while let Some(cell) = queue.pop() {
+            for near in self.neighbours(around, cell) {
+                let mate = self.mate[near as usize];
+                if mate != NONE && !free[mate as usize] {
+                    free[mate as usize] = true;
+                    queue.push(mate);
+                }
+            }
+        }
+        free
+    }
+
+    /// Adds a cell if that leaves one cell less over; returns whether it did.
+    pub fn add(&mut self, around: &Surroundings, cell: u32) -> bool {
+        let useful = !self.present[cell as usize] && self.search(around, cell);
+        self.present[cell as usize] |= useful;
+        useful
+    }
+    /// Removes a cell if that leaves one cell less over; returns whether it did.
+    pub fn remove(&mut self, around: &Surroundings, cell: u32) -> bool {
+        if !self.present[cell as usize] {
+            return false;
+        }
+        let mate = std::mem::replace(&mut self.mate[cell as usize], NONE);
+        self.present[cell as usize] = false;
+        if mate == NONE {
+            return true;
+        }
+        self.mate[mate as usize] = NONE;
+        let useful = self.search(around, mate);
+        if !useful {
+            (self.mate[cell as usize], self.mate[mate as usize]) = (mate, cell);
+            self.present[cell as usize] = true;
+        }
+        useful
+    }
+    /// Adds or removes a cell. The matching has to be completed afterwards.
+    pub fn toggle(&mut self, cell: u32) {
+        let mate = std::mem::replace(&mut self.mate[cell as usize], NONE);
+        if mate != NONE {
+            self.mate[mate as usize] = NONE;
+        }
+        self.present[cell as usize] ^= true;
+    }
+}

@@ -1,0 +1,187 @@
+//! From cubes to modules: which drawn cubes pair up, why some do not, and what to change.
+//!
+//! A module covers two cells that share a face. A structure can be built of modules if its graph of cells has a
+//! perfect matching (thesis C.6.3). The cells of a lattice are two-coloured by the parity of x + y + z, so the graph
+//! is bipartite. `matching` finds a maximum matching, `reason` the certificate of Hall for the cells left over,
+//! `repair` the least changes that make a structure buildable, `split` chains of two modules; `thesis` has the
+//! published algorithm and `generated` random structures, for comparison.
+//!
+//! Everything follows from the set of cells alone: cells are taken in ascending order of (z, y, x) and neighbours in
+//! the order of the faces. Lengths are cells. Absent: where modules walk, and whether their joints carry the structure.
+
+mod exact_cover;
+pub mod generated;
+mod matching;
+pub mod reason;
+pub mod repair;
+pub mod split;
+mod symmetry;
+pub mod thesis;
+
+use crate::lattice::{Cell, Face};
+use crate::shape::components;
+use matching::Matching;
+use petgraph::graph::UnGraph;
+use serde::Serialize;
+use std::collections::BTreeSet;
+use thiserror::Error;
+
+/// The largest number of cells of a structure that is analysed.
+pub const MAX_CELLS: usize = 200_000;
+
+/// No cell.
+const NONE: u32 = u32::MAX;
+
+/// Why a set of cells is not analysed.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum PairingError {
+    /// There is no cell.
+    #[error("there is no cell")]
+    Empty,
+    /// More than [`MAX_CELLS`].
+    #[error("there are {0} cells; {MAX_CELLS} is the maximum")]
+    TooMany(usize),
+    /// A cell is too far away.
+    #[error("the cell {0} is out of range; coordinates go from -16383 to 16383")]
+    OutOfRange(Cell),
+    /// The cells are not connected through faces.
+    #[error("the cells are in {parts} parts; no path through faces leads from {from} to {to}")]
+    Disconnected {
+        /// The number of parts.
+        parts: usize,
+        /// A cell of the first part.
+        from: Cell,
+        /// A cell of the second part.
+        to: Cell,
+    },
+}
+
+/// Returns the key by which cells are ordered here.
+fn key(cell: Cell) -> [i16; 3] {
+    [cell.z, cell.y, cell.x]
+}
+
+/// Returns true if x + y + z is even.
+fn is_even(cell: Cell) -> bool {
+    (i32::from(cell.x) + i32::from(cell.y) + i32::from(cell.z)) % 2 == 0
+}
+
+/// The drawn cells and the free cells beside them, with their neighbours.
+///
+/// *Invariant.* `cells` ascends by [`key`]; `drawn` cells are connected.
+#[derive(Clone, Debug)]
+struct Surroundings {
+    cells: Vec<Cell>,
+    /// By cell and face; [`NONE`] where there is no cell.
+    neighbours: Vec<[u32; 6]>,
+    drawn: Vec<bool>,
+    /// The lowest drawn layer.
+    floor: i16,
+}
+
+impl Surroundings {
+    fn of(drawn: &BTreeSet<Cell>) -> Surroundings {
+        let floor = drawn.iter().map(|c| c.z).min().unwrap_or(0);
+        let beside = drawn.iter().flat_map(|c| c.neighbours());
+        let mut cells: Vec<Cell> = beside.filter(|c| c.in_range()).chain(drawn.iter().copied()).collect();
+        cells.sort_unstable_by_key(|c| key(*c));
+        cells.dedup();
+        let at = |cell: Cell| cells.binary_search_by_key(&key(cell), |c| key(*c)).map_or(NONE, |i| i as u32);
+        let neighbours = cells.iter().map(|c| c.neighbours().map(at)).collect();
+        let drawn = cells.iter().map(|c| drawn.contains(c)).collect();
+        Surroundings { cells, neighbours, drawn, floor }
+    }
+    fn index(&self, cell: Cell) -> Option<u32> {
+        self.cells.binary_search_by_key(&key(cell), |c| key(*c)).ok().map(|i| i as u32)
+    }
+    /// Returns the present cells as a graph, in which a node has the index of its cell.
+    fn graph(&self, present: &[bool]) -> UnGraph<(), (), u32> {
+        let mut graph = UnGraph::with_capacity(self.cells.len(), 3 * self.cells.len());
+        for _ in &self.cells {
+            graph.add_node(());
+        }
+        for (i, neighbours) in self.neighbours.iter().enumerate().filter(|(i, _)| present[*i]) {
+            for n in neighbours.iter().filter(|n| **n != NONE && (**n as usize) < i && present[**n as usize])
+            {
+                graph.add_edge((i as u32).into(), (*n).into(), ());
+            }
+        }
+        graph
+    }
+}
+
+/// A structure with a maximum matching of its cells.
+#[derive(Clone, Debug)]
+pub struct Pairing {
+    around: Surroundings,
+    matching: Matching,
+    /// Cells that some maximum matching leaves over.
+    free: Vec<bool>,
+    unpaired: usize,
+}
+
+/// The cells of each colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Colours {
+    /// With x + y + z even.
+    pub even: usize,
+    /// With x + y + z odd.
+    pub odd: usize,
+}
+
+impl Pairing {
+    /// Pairs the cells; a cell that is listed twice counts once.
+    ///
+    /// # Errors
+    /// Refuses a set that is empty, too large, out of range or not connected.
+    pub fn of(cells: &[Cell]) -> Result<Pairing, PairingError> {
+        let drawn: BTreeSet<Cell> = cells.iter().copied().collect();
+        if drawn.is_empty() {
+            return Err(PairingError::Empty);
+        }
+        if drawn.len() > MAX_CELLS {
+            return Err(PairingError::TooMany(drawn.len()));
+        }
+        if let Some(far) = drawn.iter().find(|c| !c.in_range()) {
+            return Err(PairingError::OutOfRange(*far));
+        }
+        let parts = components(cells);
+        if let [first, second, ..] = &parts[..] {
+            // A part begins with its least cell.
+            return Err(PairingError::Disconnected { parts: parts.len(), from: first[0], to: second[0] });
+        }
+        let around = Surroundings::of(&drawn);
+        let mut matching = Matching::new(&around);
+        matching.complete(&around, Face::ALL, None);
+        let free = matching.free(&around);
+        let unpaired = matching.unpaired().count();
+        Ok(Pairing { around, matching, free, unpaired })
+    }
+
+    /// Returns the cells in ascending order of (z, y, x).
+    pub fn cells(&self) -> impl Iterator<Item = Cell> + '_ {
+        self.around.cells.iter().zip(&self.around.drawn).filter(|(_, drawn)| **drawn).map(|(cell, _)| *cell)
+    }
+    /// Returns the number of cells that no pairing covers, at least: 0 if the structure can be built of modules.
+    pub fn unpaired(&self) -> usize {
+        self.unpaired
+    }
+    /// Returns the pairs, each with its smaller cell first.
+    pub fn pairs(&self) -> Vec<[Cell; 2]> {
+        let cells = &self.around.cells;
+        let mates = self.matching.mates().iter().enumerate();
+        mates
+            .filter(|(i, mate)| **mate != NONE && *i < **mate as usize)
+            .map(|(i, mate)| [cells[i], cells[*mate as usize]])
+            .collect()
+    }
+    /// Returns the cells that this pairing leaves over.
+    pub fn left_over(&self) -> Vec<Cell> {
+        self.matching.unpaired().map(|i| self.around.cells[i as usize]).collect()
+    }
+    /// Counts the cells of each colour. Unequal counts are the simplest reason why cells stay left over.
+    pub fn colours(&self) -> Colours {
+        let even = self.cells().filter(|c| is_even(*c)).count();
+        Colours { even, odd: self.cells().count() - even }
+    }
+}

@@ -1,0 +1,380 @@
+//! The recommender: which cells to add or remove so that a structure can be built of modules.
+//!
+//! The least number of changes is the number of cells left over, d. One change alters it by one; some cell whose
+//! removal lowers it is no cut cell; and the columns along x pair a structure with its free surroundings, so that
+//! additions alone suffice too. Sets of d changes that work, connectivity ignored, are the bases of a gammoid: taking
+//! changes in order of their costs, each if it lowers the number left over, gives the cheapest set. Where such a set
+//! cuts the structure apart, changes are taken one at a time and cut cells are kept; the number stays d, the cost is
+//! then not proven least.
+
+use super::matching::Matching;
+use super::symmetry::Symmetry;
+use super::{NONE, Pairing, Surroundings, key};
+use crate::lattice::{Cell, Face};
+use petgraph::algo::articulation_points::articulation_points;
+use petgraph::graph::NodeIndex;
+use serde::Serialize;
+use std::collections::BTreeSet;
+
+/// Cost of an added cell.
+pub const ADDITION: u32 = 2;
+/// Cost of a removed cell. The thesis prefers additions (C.6.4).
+pub const REMOVAL: u32 = 3;
+/// Cost of each symmetry of the structure that does not map the changed cell to itself.
+pub const BROKEN_SYMMETRY: u32 = 1;
+/// Cost of an added cell above the lowest layer with no cell below it.
+pub const OVERHANG: u32 = 1;
+/// The largest number of sets that the search for a symmetric repair tries.
+const MAX_TRIED: usize = 2_000;
+/// The largest number of cells that it looks at, over all sets.
+const MAX_LOOKED_AT: usize = 2_000_000;
+
+/// A change of one cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Change {
+    /// A free cell beside the structure is filled.
+    Add(Cell),
+    /// A drawn cell is taken away.
+    Remove(Cell),
+}
+
+impl Change {
+    /// Returns the cell.
+    pub fn cell(self) -> Cell {
+        match self {
+            Change::Add(cell) | Change::Remove(cell) => cell,
+        }
+    }
+    /// Returns true if the cell is taken away.
+    pub fn removes(self) -> bool {
+        matches!(self, Change::Remove(_))
+    }
+    fn key(self) -> (bool, [i16; 3]) {
+        (self.removes(), key(self.cell()))
+    }
+}
+
+/// Which changes a repair may make.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Allowed {
+    /// Additions only.
+    Add,
+    /// Removals only.
+    Remove,
+    /// Both.
+    Any,
+}
+
+/// How a repair was chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Choice {
+    /// The cheapest additions.
+    Additions,
+    /// The cheapest additions and removals.
+    Mixture,
+    /// The cheapest removals.
+    Removals,
+    /// Changes that keep every symmetry of the structure.
+    Symmetric,
+    /// The cheapest additions without the first one of [`Choice::Additions`].
+    NextAdditions,
+}
+
+/// Whether a cost is known to be the least.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Cheapest {
+    /// No set of as few allowed changes costs less.
+    Proven,
+    /// A cheaper one may exist.
+    Heuristic,
+}
+
+/// Changes after which the structure is connected and can be built of modules.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Repair {
+    /// How it was chosen.
+    pub choice: Choice,
+    /// In the order in which they were chosen.
+    pub changes: Vec<Change>,
+    /// The sum of the costs.
+    pub cost: u32,
+    /// Whether that is the least.
+    pub cheapest: Cheapest,
+}
+
+/// A change with its cost, ready to be tried.
+#[derive(Clone, Copy, Debug)]
+struct Candidate {
+    change: Change,
+    index: u32,
+    cost: u32,
+}
+
+impl Repair {
+    /// Returns the cells after the changes, ascending.
+    pub fn apply(&self, cells: impl IntoIterator<Item = Cell>) -> Vec<Cell> {
+        let mut cells: BTreeSet<Cell> = cells.into_iter().collect();
+        for change in &self.changes {
+            match change {
+                Change::Add(cell) => cells.insert(*cell),
+                Change::Remove(cell) => cells.remove(cell),
+            };
+        }
+        cells.into_iter().collect()
+    }
+}
+
+impl Pairing {
+    /// Returns up to five different repairs, the preferred one first; none if no cell is left over. All have
+    /// [`Pairing::unpaired`] changes, except that a symmetric one may have two more.
+    pub fn repairs(&self, allowed: Allowed) -> Vec<Repair> {
+        if self.unpaired() == 0 {
+            return Vec::new();
+        }
+        let symmetries = Symmetry::all(&self.around);
+        let all = self.candidates(&symmetries);
+        let only = |removes: bool| all.iter().copied().filter(move |c| c.change.removes() == removes);
+        let mut repairs: Vec<Repair> = Vec::new();
+        let mut offer = |repair: Option<Repair>| {
+            let set = |r: &Repair| r.changes.iter().map(|c| c.key()).collect::<BTreeSet<_>>();
+            if let Some(repair) = repair.filter(|new| repairs.iter().all(|old| set(old) != set(new))) {
+                repairs.push(repair);
+            }
+        };
+        let additions: Vec<Candidate> = only(false).collect();
+        let first = self.cheapest(Choice::Additions, &additions);
+        let forbidden = first.as_ref().and_then(|r| r.changes.first().copied());
+        if allowed != Allowed::Remove {
+            offer(first);
+        }
+        if allowed == Allowed::Any {
+            offer(self.cheapest(Choice::Mixture, &all));
+        }
+        if allowed != Allowed::Add {
+            offer(self.cheapest(Choice::Removals, &only(true).collect::<Vec<_>>()));
+        }
+        let of_allowed = |c: &Candidate| match allowed {
+            Allowed::Add => !c.change.removes(),
+            Allowed::Remove => c.change.removes(),
+            Allowed::Any => true,
+        };
+        let orbits = all.iter().copied().filter(of_allowed).collect::<Vec<_>>();
+        offer(self.symmetric(&symmetries, &orbits));
+        if allowed != Allowed::Remove {
+            let others: Vec<Candidate> =
+                additions.into_iter().filter(|c| Some(c.change) != forbidden).collect();
+            offer(self.cheapest(Choice::NextAdditions, &others));
+        }
+        repairs
+    }
+
+    /// Returns the least cost of the changes that leave no cell over, and those changes; connectivity is ignored.
+    /// `None` if these changes do not suffice. Additions elsewhere than beside the structure, and removals of other cells,
+    /// are left out.
+    pub fn least_cost(&self, priced: &[(Change, u32)]) -> Option<(u32, Vec<Change>)> {
+        let mut candidates: Vec<Candidate> = priced
+            .iter()
+            .filter_map(|(change, cost)| {
+                let index = self.around.index(change.cell())?;
+                let fits = self.around.drawn[index as usize] == change.removes();
+                fits.then_some(Candidate { change: *change, index, cost: *cost })
+            })
+            .collect();
+        sort(&mut candidates);
+        let (chosen, _) = self.greedy(&candidates)?;
+        Some((chosen.iter().map(|c| c.cost).sum(), chosen.iter().map(|c| c.change).collect()))
+    }
+
+    /// Returns all changes with their costs, cheapest first.
+    fn candidates(&self, symmetries: &[Symmetry]) -> Vec<Candidate> {
+        let around = &self.around;
+        // A single cell is not removed: nothing would be left.
+        let alone = around.drawn.iter().filter(|d| **d).count() == 1;
+        let mut covered: BTreeSet<(i16, i16)> = BTreeSet::new();
+        let mut all = Vec::new();
+        // Cells ascend by z, so the cells below one have been seen.
+        for (index, cell) in around.cells.iter().enumerate() {
+            let drawn = around.drawn[index];
+            let broken = symmetries.iter().filter(|s| s.image(*cell) != Some(*cell)).count() as u32;
+            let hangs = cell.z > around.floor && !covered.contains(&(cell.x, cell.y));
+            let (change, cost) = match drawn {
+                true => (Change::Remove(*cell), REMOVAL),
+                false => (Change::Add(*cell), ADDITION + if hangs { OVERHANG } else { 0 }),
+            };
+            if drawn {
+                covered.insert((cell.x, cell.y));
+            }
+            // A structure stands on its lowest layer.
+            let below = cell.z < around.floor;
+            if !below && !(drawn && alone) {
+                all.push(Candidate { change, index: index as u32, cost: cost + BROKEN_SYMMETRY * broken });
+            }
+        }
+        sort(&mut all);
+        all
+    }
+
+    /// Takes each change that lowers the number left over, in order, until none is left over.
+    fn greedy(&self, candidates: &[Candidate]) -> Option<(Vec<Candidate>, Matching)> {
+        let mut matching = self.matching.clone();
+        let mut chosen = Vec::new();
+        matching.forget();
+        for candidate in candidates {
+            if chosen.len() == self.unpaired() {
+                break;
+            }
+            if change(&mut matching, &self.around, candidate) {
+                chosen.push(*candidate);
+                matching.forget();
+            }
+        }
+        (chosen.len() == self.unpaired()).then_some((chosen, matching))
+    }
+
+    fn cheapest(&self, choice: Choice, candidates: &[Candidate]) -> Option<Repair> {
+        let (chosen, matching) = self.greedy(candidates)?;
+        let (chosen, cheapest) = match is_connected(&self.around, matching.present()) {
+            true => (chosen, Cheapest::Proven),
+            false => (self.one_at_a_time(candidates)?, Cheapest::Heuristic),
+        };
+        Some(repair(choice, &chosen, cheapest))
+    }
+
+    /// Takes the cheapest change that lowers the number left over and keeps the structure connected, again and
+    /// again. A removal of that kind always exists.
+    fn one_at_a_time(&self, candidates: &[Candidate]) -> Option<Vec<Candidate>> {
+        let around = &self.around;
+        let mut matching = self.matching.clone();
+        let mut chosen: Vec<Candidate> = Vec::new();
+        while chosen.len() < self.unpaired() {
+            let cuts = articulation_points(&around.graph(matching.present()));
+            let free = matching.free(around);
+            let beside = |cell: u32, of: &dyn Fn(usize) -> bool| {
+                around.neighbours[cell as usize].into_iter().any(|n| n != NONE && of(n as usize))
+            };
+            let next = candidates.iter().find(|c| match c.change {
+                Change::Remove(_) => free[c.index as usize] && !cuts.contains(&NodeIndex::from(c.index)),
+                Change::Add(_) => !matching.present()[c.index as usize] && beside(c.index, &|n| free[n]),
+            })?;
+            matching.forget();
+            if !change(&mut matching, around, next) {
+                return None;
+            }
+            chosen.push(*next);
+        }
+        Some(chosen)
+    }
+
+    /// Searches for changes that keep every symmetry: orbits of cells are changed together. Bounded, so that a repair
+    /// may be missed.
+    fn symmetric(&self, symmetries: &[Symmetry], candidates: &[Candidate]) -> Option<Repair> {
+        if symmetries.is_empty() {
+            return None;
+        }
+        let orbits = self.orbits(symmetries, candidates);
+        let mut left = MAX_TRIED.min(MAX_LOOKED_AT / self.around.cells.len().max(1));
+        for size in [self.unpaired(), self.unpaired() + 2] {
+            let mut chosen = Vec::new();
+            if self.extend(&orbits, size, &self.matching, &mut chosen, &mut left) {
+                let changes: Vec<Candidate> = chosen.into_iter().flat_map(|o| orbits[o].clone()).collect();
+                return Some(repair(Choice::Symmetric, &changes, Cheapest::Heuristic));
+            }
+        }
+        None
+    }
+
+    /// Returns the candidates in orbits, the cheapest orbit first.
+    fn orbits(&self, symmetries: &[Symmetry], candidates: &[Candidate]) -> Vec<Vec<Candidate>> {
+        let mut of = vec![None; self.around.cells.len()];
+        for candidate in candidates {
+            of[candidate.index as usize] = Some(*candidate);
+        }
+        let mut orbits = Vec::new();
+        for candidate in candidates {
+            // The symmetries form a group, so the images of one cell are its orbit.
+            let cell = candidate.change.cell();
+            let images = symmetries.iter().filter_map(|s| self.around.index(s.image(cell)?));
+            let images: BTreeSet<u32> = images.chain([candidate.index]).collect();
+            let orbit: Vec<Candidate> = images.iter().filter_map(|i| of[*i as usize].take()).collect();
+            if orbit.len() == images.len() {
+                orbits.push(orbit);
+            }
+        }
+        orbits.sort_by_key(|orbit| orbit.iter().map(|c| c.cost).sum::<u32>());
+        orbits
+    }
+
+    /// Extends the chosen orbits to `size` cells after which the structure is connected and pairs up. A change alters
+    /// the number left over by one at most, which cuts the search.
+    fn extend(
+        &self,
+        orbits: &[Vec<Candidate>],
+        size: usize,
+        matching: &Matching,
+        chosen: &mut Vec<usize>,
+        left: &mut usize,
+    ) -> bool {
+        if size == 0 {
+            return matching.unpaired().next().is_none() && is_connected(&self.around, matching.present());
+        }
+        let first = chosen.last().map_or(0, |last| last + 1);
+        for (i, orbit) in orbits.iter().enumerate().skip(first).filter(|(_, orbit)| orbit.len() <= size) {
+            if *left == 0 {
+                return false;
+            }
+            *left -= 1;
+            let mut changed = matching.clone();
+            for candidate in orbit {
+                changed.toggle(candidate.index);
+            }
+            changed.complete(&self.around, Face::ALL, None);
+            if changed.unpaired().count() > size - orbit.len() {
+                continue;
+            }
+            chosen.push(i);
+            if self.extend(orbits, size - orbit.len(), &changed, chosen, left) {
+                return true;
+            }
+            chosen.pop();
+        }
+        false
+    }
+}
+
+fn sort(candidates: &mut [Candidate]) {
+    candidates.sort_by_key(|c| (c.cost, c.change.key()));
+}
+
+fn change(matching: &mut Matching, around: &Surroundings, candidate: &Candidate) -> bool {
+    match candidate.change {
+        Change::Add(_) => matching.add(around, candidate.index),
+        Change::Remove(_) => matching.remove(around, candidate.index),
+    }
+}
+
+fn repair(choice: Choice, chosen: &[Candidate], cheapest: Cheapest) -> Repair {
+    let changes = chosen.iter().map(|c| c.change).collect();
+    Repair { choice, changes, cost: chosen.iter().map(|c| c.cost).sum(), cheapest }
+}
+
+/// Returns true if the present cells are connected; no cell is not.
+fn is_connected(around: &Surroundings, present: &[bool]) -> bool {
+    let Some(start) = present.iter().position(|p| *p) else { return false };
+    let mut seen = vec![false; present.len()];
+    seen[start] = true;
+    let (mut queue, mut reached) = (vec![start as u32], 0);
+    while let Some(cell) = queue.pop() {
+        reached += 1;
+        for near in around.neighbours[cell as usize].into_iter().filter(|n| *n != NONE) {
+            if present[near as usize] && !seen[near as usize] {
+                seen[near as usize] = true;
+                queue.push(near);
+            }
+        }
+    }
+    reached == present.iter().filter(|p| **p).count()
+}
