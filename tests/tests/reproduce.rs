@@ -85,7 +85,7 @@ fn bad_arguments_are_refused() {
         (&[], "EXPERIMENT"),
         (
             &["4.3"],
-            "[possible values: 4.1, 4.2, fig4.5, graph-signature, on-grid, reward-map, planned, thesis-7, torque, transport]",
+            "[possible values: 4.1, 4.2, fig4.5, graph-signature, on-grid, reward-map, planned, thesis-7, torque, transport, c.6, 8.2]",
         ),
         (&["4.1", "--seeds", "0"], "--seeds"),
         (&["4.1", "--seeds", "1000000"], "--seeds"),
@@ -101,4 +101,21 @@ fn bad_arguments_are_refused() {
     for part in ["fig4.5", "--seeds", "--jobs", "--out", "--json", "Exit codes", "Examples"] {
         assert!(help.contains(part), "`{part}` is missing in {help}");
     }
+}
+
+/// Pairings of the thesis: no method finds more pairs than a maximum matching, and the printed F of the study is that of
+/// one factor.
+#[test]
+fn pairings_and_the_study_stand_beside_the_printed_numbers() {
+    let ran = run(&["reproduce", "c.6", "8.2", "--seeds", "3", "--json", "-"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    let answer: serde_json::Value = serde_json::from_str(&ran.out).unwrap();
+    let row = |table: usize, what: &str| {
+        let rows = answer["planners"][table]["rows"].as_array().unwrap();
+        let row = rows.iter().find(|row| row["what"] == what).unwrap();
+        (row["published"].as_str().unwrap().to_owned(), row["ours"].as_str().unwrap().to_owned())
+    };
+    assert_eq!(row(0, "graphs with more pairs than a maximum matching").1, "0 of 90");
+    let (published, ours) = row(1, "local precision p_l, mobility");
+    assert!(published.starts_with("F(1,46) 5.86") && ours.starts_with("F(1,46) 5.861, p 0.0195"), "{ours}");
 }

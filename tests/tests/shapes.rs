@@ -7,6 +7,7 @@ use metamorph_tests::command::{Ran, root, run};
 use metamorph_world_controller::report::schema::Report;
 use metamorph_world_controller::scenario::mesh_import::{Import, Part, import};
 use proptest::prelude::*;
+use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -142,7 +143,7 @@ fn broken_meshes_are_refused_with_place_reason_and_fix() {
         &["3 edges have triangles that face opposite"],
     );
     // Other kinds of files.
-    refused(&shape("a.step", "", ten), &[".stl, .obj or .xml"]);
+    refused(&shape("a.step", "", ten), &[".stl, .obj, .xml or .toml"]);
     refused(&run(&["shape", "none.stl"]), &["none.stl: cannot read it"]);
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("folder.stl");
@@ -351,4 +352,68 @@ fn survives(name: &str, bytes: &[u8]) {
         Ok(imported) => assert!(!imported.cells.is_empty()),
         Err(error) => assert!(!error.fix().is_empty() && error.to_string().contains(name), "{error}"),
     }
+}
+
+/// The answer of `shape --modules` about a drawing of these cells.
+fn modules(cells: &str, args: &[&str]) -> (Ran, Value) {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("drawn.toml");
+    fs::write(&path, format!("version = 1\ncells = {cells}\n")).unwrap();
+    let ran = run(&[&["shape", path.to_str().unwrap(), "--modules", "--json", "-"], args].concat());
+    let answer = serde_json::from_str(&ran.out).unwrap_or_default();
+    (ran, answer)
+}
+
+#[test]
+fn cells_become_modules_or_a_reason_and_repairs() {
+    let (ran, answer) = modules("[[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]]", &["--split"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    assert_eq!(answer["pairs"], json!([[[0, 0, 0], [1, 0, 0]], [[2, 0, 0], [3, 0, 0]]]));
+    assert_eq!(answer["split"]["standing"]["chains"].as_array().unwrap().len(), 1);
+    // A cross: four arms touch the middle only.
+    let cross = "[[1, 1, 0], [0, 1, 0], [2, 1, 0], [1, 0, 0], [1, 2, 0]]";
+    let (ran, answer) = modules(cross, &["--repair", "remove"]);
+    assert_eq!(ran.code, Some(3), "{ran:?}");
+    assert_eq!((&answer["d"], &answer["even"], &answer["odd"]), (&json!(3), &json!(1), &json!(4)));
+    assert_eq!(answer["reasons"][0]["neighbours"], json!([[1, 1, 0]]));
+    assert!(ran.err.contains("these 4 cells touch only this one: [1, 1, 0]"), "{}", ran.err);
+    let removed = |c: &Value| c.get("remove").is_some();
+    assert!(answer["repairs"][0]["changes"].as_array().unwrap().iter().all(removed), "{answer}");
+    assert_eq!(answer["repairs"][0]["changes"].as_array().unwrap().len(), 3);
+    // A chain has no end in a lower layer: the tower is too high.
+    let (_, answer) =
+        modules("[[0,0,0],[0,0,1],[0,0,2],[0,0,3],[0,0,4],[0,0,5],[0,0,6],[0,0,7]]", &["--split"]);
+    assert_eq!(
+        (&answer["split"]["free"]["answer"], &answer["split"]["standing"]["answer"]),
+        (&json!("yes"), &json!("no"))
+    );
+}
+
+/// A repair is written, read again and built by a swarm of cubes whose scenario names the file.
+#[test]
+fn a_repaired_drawing_pairs_up_and_is_built() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
+    let (repaired, scenario) = (file("repaired.toml"), file("scenario.toml"));
+    let chair = shapes("chair.toml");
+    let ran = run(&["shape", chair.to_str().unwrap(), "--modules", "--write", &repaired]);
+    assert!(ran.code == Some(3) && ran.out.contains("repair 1 is written to"), "{ran:?}");
+    let ran = run(&["shape", &repaired, "--modules"]);
+    assert!(ran.code == Some(0) && ran.out.contains("every cell has a partner"), "{ran:?}");
+    let text = "version = 1\n[swarm.start]\nbox = { min = [0, 0, -2], max = [5, 5, -2] }\n[[goal]]\n\
+                growth = \"solid\"\nshape = { file = { path = \"repaired.toml\", at = [0, 0, -2] } }\n";
+    fs::write(&scenario, text).unwrap();
+    let report = built(&["run", &scenario, "--link", "sim"]);
+    assert_eq!((report.goal.filled, report.invariants.broken), (report.goal.cells, 0));
+}
+
+#[test]
+fn drawings_that_are_no_structure_are_refused() {
+    let (ran, _) = modules("[[0, 0, 0], [2, 0, 0]]", &[]);
+    refused(&ran, &["drawn.toml: the cells are in 2 parts", "[0, 0, 0] to [2, 0, 0]"]);
+    let (ran, _) = modules("[[0, 0, 0], [0, 0, 0]]", &[]);
+    refused(&ran, &["drawn.toml", "[0, 0, 0] is listed twice"]);
+    let (ran, _) = modules("[[0, 0, 0], [1, 0, 0]]", &["--pitch", "10"]);
+    refused(&ran, &["pitch", "a drawing, which is made of cells"]);
+    refused(&run(&["shape", shapes("chair.toml").to_str().unwrap(), "--split"]), &["--modules"]);
 }

@@ -4,6 +4,7 @@ use crate::cli::args::*;
 use crate::cli::doctor::{DoctorArgs, doctor};
 use crate::cli::examples::*;
 use crate::cli::figures::{RenderArgs, render};
+use crate::cli::modules::modules;
 use crate::cli::new::{NewArgs, new};
 use crate::cli::reference::{CompletionArgs, ManArgs, PagesError, SchemaArgs, completions, man, schema};
 use crate::cli::runs::{self, resume, run, view};
@@ -93,7 +94,7 @@ pub enum Command {
     /// List the scenarios that ship with the program
     #[command(after_help = SCENARIOS_EXAMPLES)]
     Scenarios(ScenariosArgs),
-    /// Convert a solid from a CAD program to cells, and write it as a scenario
+    /// Convert a solid to cells, write it as a scenario, or pair the cells to modules
     #[command(after_help = SHAPE_EXAMPLES)]
     Shape(ShapeArgs),
     /// Check what of this machine limits a swarm of processes, and how to raise it
@@ -150,6 +151,7 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
             }
         }
         Command::Reproduce(args) => Ok(reproduce(&args.into())?),
+        Command::Shape(args) if args.modules => Ok(modules(&args)?),
         Command::Shape(args) => {
             let shown = shape(&args, families())?;
             print_out(&shown.text);

@@ -149,6 +149,7 @@ Examples:
   metamorph reproduce 4.1 --quiet --json - | jq '.experiments[0].cells[0]'
   metamorph reproduce graph-signature on-grid reward-map planned
   metamorph reproduce torque transport thesis-7
+  metamorph reproduce c.6 8.2
 
 4.1, 4.2 and fig4.5 run the thesis's experiment with metamodules (4.1.3), re-implemented by the nearest
 reading of its text, with every kind (PAR, PER, SRS, SRZ), strategy (greedy, slope, step, and our negotiated)
@@ -196,17 +197,23 @@ Examples:
   metamorph shape deploy/shapes/rabbit.stl --cells 14 --svg rabbit.svg --write rabbit.toml
   metamorph shape config.xml --part blocks
   metamorph shape config.xml --write case.toml
+  metamorph shape deploy/shapes/chair.toml --modules --split
+  metamorph shape deploy/shapes/chair.toml --modules --repair any --write repaired.toml
 
 A cell is filled if its centre is inside the solid. In a scenario, the same goal is
     shape = { file = { path = \"rabbit.stl\", pitch = 10 } }
 The written scenario lists the cells themselves and does not need the file. Its modules start in a
 slab below the goal, or at the places of the configuration.
 
+A drawing is a TOML file with `version = 1` and `cells = [[0, 0, 0], [1, 0, 0]]`. With --modules, cells that
+share a face become modules of two; repairs are the fewest changes after which every cell has a partner.
+
 Exit codes:
   0  no obstacle to building it was found before a run
   1  a file could not be written
   2  the command line or the file is wrong, or something cannot be built; every error names its
-     place, reason and fix";
+     place, reason and fix
+  3  with --modules: cells stay without a partner; the answer says which, and what to change";
 
 pub const RENDER_EXAMPLES: &str = "\
 Examples:

@@ -6,6 +6,7 @@ pub mod dispatch;
 mod doctor;
 mod examples;
 mod figures;
+mod modules;
 mod new;
 mod new_protocol;
 mod plots;

@@ -234,7 +234,7 @@ fn shapes() -> Definitions {
         (
             "file",
             table(
-                "A solid (.stl, .obj) or a configuration of VisibleSim (.xml).",
+                "A solid (.stl, .obj), a configuration of VisibleSim (.xml) or a drawing (.toml).",
                 &["path"],
                 json!({
                     "path": said("Relative to the scenario.", text()),

@@ -76,6 +76,12 @@ pub enum Experiment {
     /// Experiment 1 of 5.1.4: two metamodules transport a cube; figures 5.8 and 5.9
     #[value(aliases = ["5.8", "5.9"])]
     Transport,
+    /// Appendix C.6: pairing of cubes to modules
+    #[value(name = "c.6")]
+    Pairing,
+    /// Table 8.2: the statistics of the study with people, recomputed
+    #[value(name = "8.2")]
+    Study,
 }
 
 impl Experiment {
@@ -92,6 +98,8 @@ impl Experiment {
             Experiment::Thesis7 => "thesis-7",
             Experiment::Torque => "torque",
             Experiment::Transport => "transport",
+            Experiment::Pairing => "c.6",
+            Experiment::Study => "8.2",
         }
     }
     const fn title(self) -> &'static str {
@@ -106,6 +114,8 @@ impl Experiment {
             Experiment::Thesis7 => "Thesis, table 7.2: parameters of networks of oscillators",
             Experiment::Torque => "Thesis 5.1.4, experiment 2 (figure 5.10): limits of torque",
             Experiment::Transport => "Thesis 5.1.4, experiment 1 (figures 5.8 and 5.9): transport of a cube",
+            Experiment::Pairing => "Thesis C.6: pairing of cubes to modules",
+            Experiment::Study => "Thesis, table 8.2: F values of the study, recomputed",
         }
     }
     const fn goals(self) -> &'static [Goal] {

@@ -58,7 +58,7 @@ pub enum SolidError {
     #[error("{file}: the file is larger than {} MiB", MAX_BYTES >> 20, file = .0)]
     TooLarge(String),
     /// Neither a mesh nor a configuration, by its name.
-    #[error("{0}: the name does not end in .stl, .obj or .xml")]
+    #[error("{0}: the name does not end in .stl, .obj, .xml or .toml")]
     Format(String),
     /// Shorter than any STL.
     #[error(
@@ -290,7 +290,9 @@ impl SolidError {
             SolidError::TooLarge(_) | SolidError::TooManyTriangles { .. } => {
                 "reduce the mesh, for example with Blender's Decimate modifier; cells are coarse anyway"
             }
-            SolidError::Format(_) => "export it as STL or OBJ, or name a configuration of VisibleSim",
+            SolidError::Format(_) => {
+                "export it as STL or OBJ, or name a configuration of VisibleSim or a drawing"
+            }
             SolidError::TooShort { .. } | SolidError::Truncated { .. } => "export or copy the file again",
             SolidError::Syntax { .. } | SolidError::NotFinite { .. } => {
                 "export the file again, or repair this place"

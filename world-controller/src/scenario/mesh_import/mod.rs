@@ -1,13 +1,15 @@
-//! Shapes from files: STL and OBJ solids from CAD programs, converted to cells, and configurations of
-//! VisibleSim.
+//! Shapes from files: STL and OBJ solids from CAD programs, converted to cells, configurations of VisibleSim, and
+//! drawings.
 //!
 //! `mesh` reads triangles, `voxel` finds the cells that they enclose, `visiblesim` reads configurations,
+//! `drawing` reads and writes drawings,
 //! `printability` says what of a shape cannot be built, `preview` shows it and writes it as a scenario, `error` has
 //! the errors. The command is in `shape`.
 //!
 //! *Invariant.* No file makes this panic or exceed the memory and time that the limits in `error` allow.
 //! Absent: repairing broken meshes; a mesh with holes has no inside.
 
+pub mod drawing;
 pub mod error;
 mod mesh;
 mod preview;
@@ -85,6 +87,8 @@ pub enum Format {
     Obj,
     /// A configuration of VisibleSim.
     VisibleSim,
+    /// Listed cells.
+    Drawing,
 }
 
 impl Format {
@@ -95,8 +99,13 @@ impl Format {
             "stl" => Ok(Format::Stl),
             "obj" => Ok(Format::Obj),
             "xml" => Ok(Format::VisibleSim),
+            "toml" => Ok(Format::Drawing),
             _ => Err(SolidError::Format(path.shown())),
         }
+    }
+    /// Returns true for triangles and polygons, which need a pitch.
+    pub fn is_mesh(self) -> bool {
+        matches!(self, Format::Stl | Format::Obj)
     }
 }
 
@@ -108,8 +117,11 @@ pub fn import(path: &Path, how: &Import) -> Result<Imported, SolidError> {
         if wrong { Err(SolidError::Option { file, option, what }) } else { Ok(()) }
     };
     let mut imported = match Format::of(path)? {
-        Format::VisibleSim => {
-            let what = "a configuration of VisibleSim, which is made of cells";
+        format @ (Format::VisibleSim | Format::Drawing) => {
+            let what = match format {
+                Format::Drawing => "a drawing, which is made of cells",
+                _ => "a configuration of VisibleSim, which is made of cells",
+            };
             refuse(how.pitch.is_some(), "pitch", what)?;
             refuse(how.up.is_some(), "up", what)?;
             refuse(how.drop_thin, "thin", what)?;
@@ -118,7 +130,13 @@ pub fn import(path: &Path, how: &Import) -> Result<Imported, SolidError> {
                 let line = before.iter().filter(|b| **b == b'\n').count() + 1;
                 SolidError::Syntax { file: file.clone(), line, why: "this is not UTF-8 text".into() }
             })?;
-            let cells = visiblesim::cells(&file, &text, how.part.unwrap_or_default())?;
+            let cells = match format {
+                Format::Drawing => {
+                    refuse(how.part.is_some(), "part", "a drawing, which is one shape")?;
+                    drawing::cells(&file, &text)?
+                }
+                _ => visiblesim::cells(&file, &text, how.part.unwrap_or_default())?,
+            };
             let at: [i16; 3] = how.at.into();
             let moved = cells.into_iter().map(|cell| {
                 let cell: [i16; 3] = cell.into();

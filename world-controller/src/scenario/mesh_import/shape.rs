@@ -28,7 +28,7 @@ const SPARE: usize = 10;
 /// Arguments of `shape`.
 #[derive(Debug, Args)]
 pub struct ShapeArgs {
-    /// A solid (.stl, .obj), or a configuration of VisibleSim (.xml)
+    /// A solid (.stl, .obj), a configuration of VisibleSim (.xml), or a drawing (.toml)
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// The edge of a cell in the units of the file; default: as --cells says
@@ -55,12 +55,37 @@ pub struct ShapeArgs {
     /// The growth of the goal
     #[arg(long, value_enum, default_value_t = GrowthArg::Solid)]
     pub growth: GrowthArg,
-    /// Write a drawing to this file
+    /// Write a picture to this file
     #[arg(long, value_name = "FILE")]
     pub svg: Option<PathBuf>,
-    /// Write a scenario that builds it to this file, which must not exist
+    /// Write a scenario that builds it to this file, which must not exist; with --modules, write a drawing, with the
+    /// first repair if it needs one
     #[arg(long, value_name = "FILE")]
     pub write: Option<PathBuf>,
+    /// Pair the cells to Roombots modules of two, and say what to change where that is impossible
+    #[arg(long, conflicts_with = "svg")]
+    pub modules: bool,
+    /// With --modules: what repairs may do
+    #[arg(long, value_enum, requires = "modules", default_value_t = RepairArg::Add)]
+    pub repair: RepairArg,
+    /// With --modules: split the cells into metamodules, chains of four
+    #[arg(long, requires = "modules")]
+    pub split: bool,
+    /// With --modules: write the answer as JSON to a file, or to standard output with `-` (text for people then goes
+    /// to standard error)
+    #[arg(long, value_name = "FILE|-", allow_hyphen_values = true, requires = "modules")]
+    pub json: Option<PathBuf>,
+}
+
+/// What repairs may do, as typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum RepairArg {
+    /// Add cells
+    Add,
+    /// Remove cells
+    Remove,
+    /// Both
+    Any,
 }
 
 /// The axis that points up, as typed.
@@ -128,17 +153,9 @@ fn cell(text: &str) -> Result<Cell, String> {
     if cell.in_range() { Ok(cell) } else { Err(wrong()) }
 }
 
-/// Reads and checks the file, and writes the requested output.
-pub fn shape(args: &ShapeArgs, families: Families) -> Result<Shown, ShapeError> {
+/// Reads the file as the arguments say.
+pub fn read(args: &ShapeArgs) -> Result<(Import, Imported), ShapeError> {
     let format = Format::of(&args.file)?;
-    let mut outputs = Outputs::new();
-    outputs.reads("the file", &args.file);
-    let svg = args.svg.as_ref().map(|path| outputs.writes("--svg", path)).transpose()?;
-    let written = args.write.as_ref().map(|path| outputs.creates("--write", path)).transpose()?;
-    let growth = match args.growth {
-        GrowthArg::Solid => Growth::Solid,
-        GrowthArg::Scaffold => Growth::Scaffold,
-    };
     let mut how = Import {
         pitch: args.pitch,
         up: args.up.map(|up| if up == UpArg::Y { Up::Y } else { Up::Z }),
@@ -147,10 +164,24 @@ pub fn shape(args: &ShapeArgs, families: Families) -> Result<Shown, ShapeError> 
         drop_thin: args.drop_thin,
         fill_voids: args.fill_voids,
     };
-    if format != Format::VisibleSim && how.pitch.is_none() {
+    if format.is_mesh() && how.pitch.is_none() {
         how.pitch = Some(pitch_for(&args.file, args.cells.unwrap_or(CELLS))?);
     }
     let imported = import(&args.file, &how)?;
+    Ok((how, imported))
+}
+
+/// Reads and checks the file, and writes the requested output.
+pub fn shape(args: &ShapeArgs, families: Families) -> Result<Shown, ShapeError> {
+    let mut outputs = Outputs::new();
+    outputs.reads("the file", &args.file);
+    let svg = args.svg.as_ref().map(|path| outputs.writes("--svg", path)).transpose()?;
+    let written = args.write.as_ref().map(|path| outputs.creates("--write", path)).transpose()?;
+    let growth = match args.growth {
+        GrowthArg::Solid => Growth::Solid,
+        GrowthArg::Scaffold => Growth::Scaffold,
+    };
+    let (how, imported) = read(args)?;
     let mut text = String::new();
     describe(&mut text, &args.file, &imported);
     let mut buildable = true;
@@ -194,7 +225,8 @@ pub fn shape(args: &ShapeArgs, families: Families) -> Result<Shown, ShapeError> 
     Ok(Shown { text, buildable })
 }
 
-fn describe(text: &mut String, file: &Path, Imported { cells, mesh, .. }: &Imported) {
+/// Describes the file and its cells.
+pub fn describe(text: &mut String, file: &Path, Imported { cells, mesh, .. }: &Imported) {
     let _ = writeln!(text, "{}", file.shown());
     if let Some(mesh) = mesh {
         let [x, y, z] = mesh.size.map(|s| s as f32);
@@ -223,7 +255,7 @@ fn scenario(
     families: Families,
 ) -> Result<String, ShapeError> {
     let part = |part| import(&args.file, &Import { part: Some(part), ..how.clone() }).map(|i| i.cells);
-    let (start, goal) = if imported.mesh.is_some() {
+    let (start, goal) = if Format::of(&args.file)? != Format::VisibleSim {
         let goal = imported.cells.clone();
         let modules = goal.len() + goal.len() * SPARE / 100 + 1;
         let slab = preview::slab(&goal, modules).map(|(min, max)| Shape::Box { min, max }.cells());

@@ -3,8 +3,10 @@
 mod graph_signature;
 mod network_parameters;
 mod on_grid;
+mod pairing;
 mod planned;
 mod reward_map;
+mod study;
 mod torque;
 mod transport;
 
@@ -84,6 +86,8 @@ pub fn reproduce(experiments: &[Experiment], request: &Request) -> Result<u8, Sw
             Experiment::Thesis7 => network_parameters::table(),
             Experiment::Torque => torque::table(),
             Experiment::Transport => transport::table(request.seeds, &interrupt),
+            Experiment::Study => study::table(),
+            Experiment::Pairing => pairing::table(request.seeds, &interrupt),
             Experiment::Planned => planned::table(request, &interrupt)?,
             _ => graph_signature::table(request.seeds, &interrupt),
         });
