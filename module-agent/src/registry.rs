@@ -4,6 +4,7 @@
 use crate::process::args::{AgentArgs, ArgsError};
 use crate::process::start::{AgentError, run};
 use metamorph_protocol::cube::Cube;
+use metamorph_protocol::free_module::reconfiguration::LatticeModule;
 use metamorph_protocol::metamodule::Metamodule;
 use std::ffi::OsString;
 use std::str::FromStr;
@@ -16,17 +17,20 @@ pub enum Family {
     Cube,
     /// Two Roombots modules that walk over a floor of connectors (thesis 4.1.3).
     Metamodule,
+    /// Single Roombots modules that rebuild their structure.
+    FreeModule,
 }
 
 impl Family {
     /// All families.
-    pub const ALL: [Family; 2] = [Family::Cube, Family::Metamodule];
+    pub const ALL: [Family; 3] = [Family::Cube, Family::Metamodule, Family::FreeModule];
 
     /// Returns the name.
     pub const fn name(self) -> &'static str {
         match self {
             Family::Cube => "cube",
             Family::Metamodule => "metamodule",
+            Family::FreeModule => "free-module",
         }
     }
 
@@ -38,6 +42,7 @@ impl Family {
         match self {
             Family::Cube => run::<Cube>(args),
             Family::Metamodule => run::<Metamodule>(args),
+            Family::FreeModule => run::<LatticeModule>(args),
         }
     }
 }

@@ -48,7 +48,7 @@ pub enum Defect {
     EpochWords,
     /// Metamodules: every request is granted.
     GrantEverything,
-    /// Metamodules: no neighbour is asked for its consent.
+    /// Metamodules and free modules: no other module is asked for its consent.
     AskNone,
     /// Metamodules: locks are dropped at once, by the holder and by the modules that granted them. Both have to
     /// drop them: a module that remembers its grant plans its motions around it.
@@ -62,9 +62,9 @@ pub enum Defect {
     AcceptStaleStates,
     /// Metamodules: no metamodule makes way, neither on its own nor on a directive.
     StandInTheWay,
-    /// Metamodules: an instruction of an earlier plan replaces a later one.
+    /// Metamodules and free modules: an order of an earlier plan replaces a later one.
     FollowOldPlans,
-    /// Both families: deadlines of actions leave no room for the difference of clocks between hosts.
+    /// All families: deadlines of actions leave no room for the difference of clocks between hosts.
     IgnoreSkew,
     /// Cubes: a restarted module takes the time of its restart from its own clock.
     OwnBirthTime,

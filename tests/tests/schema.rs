@@ -104,6 +104,19 @@ stall = "300s"
 livelock = "900s"
 "#;
 
+/// Every table of free modules.
+const FREE_MODULES: &str = r#"
+version = 1
+[swarm]
+family = "free-module"
+start = "line:2"
+types = "1"
+[[goal]]
+shape = "ell:2"
+[protocol]
+weight = 2
+"#;
+
 /// Every table that metamodules can have besides.
 const METAMODULES: &str = r#"
 version = 1
@@ -212,6 +225,9 @@ fn tables() -> Vec<(&'static str, &'static str, &'static str, Vec<&'static str>)
         (METAMODULES, "protocol.precedence.", "precedence", vec![]),
         (METAMODULES, "protocol.repulsion.", "repulsion", vec![]),
         (METAMODULES, "fault.0.", "obstacle", fault("obstacle")),
+        (FREE_MODULES, "swarm.", "free-moduleSwarm", vec![]),
+        (FREE_MODULES, "goal.0.", "free-moduleGoal", vec![]),
+        (FREE_MODULES, "protocol.", "free-moduleProtocol", vec![]),
     ]
 }
 
@@ -228,7 +244,7 @@ fn every_shipped_scenario_is_valid() {
 #[test]
 fn the_reader_and_the_schema_know_the_same_keys() {
     let (schema, validator) = (schema(families()), validator());
-    for text in [CUBES, METAMODULES] {
+    for text in [CUBES, METAMODULES, FREE_MODULES] {
         assert!(errors_of(text, "version=1").is_empty(), "{:?}", errors_of(text, "version=1"));
         let errors: Vec<String> = validator
             .iter_errors(&document(text, None))
@@ -296,6 +312,11 @@ fn the_reader_and_the_schema_know_the_same_names() {
         (METAMODULES, "protocol.strategy", Some("metamoduleProtocol/properties/strategy")),
         (METAMODULES, "protocol.seed_authority", Some("metamoduleProtocol/properties/seed_authority")),
         (METAMODULES, "protocol.precedence.by", Some("precedence/properties/by")),
+        (FREE_MODULES, "swarm.body", Some("free-moduleSwarm/properties/body")),
+        (FREE_MODULES, "protocol.strategy", Some("free-moduleProtocol/properties/strategy")),
+        (FREE_MODULES, "protocol.collision", Some("free-moduleProtocol/properties/collision")),
+        (FREE_MODULES, "protocol.connectors", Some("free-moduleProtocol/properties/connectors")),
+        (FREE_MODULES, "protocol.objective", Some("free-moduleProtocol/properties/objective")),
     ];
     for (text, key, place) in names {
         let errors_of = errors_of(text, &format!("{key}=zzz"));
@@ -306,7 +327,7 @@ fn the_reader_and_the_schema_know_the_same_names() {
         let known: BTreeSet<&str> = known.unwrap_or_else(|| panic!("the reader takes {key}: {errors_of:?}"));
         let in_schema: BTreeSet<&str> = match place {
             // Each family has a section of its own.
-            None => ["cubeSwarm", "metamoduleSwarm"]
+            None => ["cubeSwarm", "metamoduleSwarm", "free-moduleSwarm"]
                 .iter()
                 .map(|d| schema["$defs"][d]["properties"]["family"]["const"].as_str().unwrap())
                 .collect(),
@@ -323,7 +344,7 @@ fn the_reader_and_the_schema_know_the_same_names() {
 }
 
 /// Each table with defaults: its place in a smallest scenario, and its definition in the schema.
-const SMALLEST: [(&str, &str, &str); 15] = [
+const SMALLEST: [(&str, &str, &str); 18] = [
     (SMALLEST_OF_CUBES, "", ""),
     (SMALLEST_OF_CUBES, "link", "link"),
     (SMALLEST_OF_CUBES, "process", "process"),
@@ -339,7 +360,19 @@ const SMALLEST: [(&str, &str, &str); 15] = [
     (SMALLEST_OF_METAMODULES, "goal.0", "metamoduleGoal"),
     (SMALLEST_OF_METAMODULES, "protocol", "metamoduleProtocol"),
     (LISTED, "swarm.start.0", "place"),
+    (SMALLEST_OF_FREE_MODULES, "swarm", "free-moduleSwarm"),
+    (SMALLEST_OF_FREE_MODULES, "goal.0", "free-moduleGoal"),
+    (SMALLEST_OF_FREE_MODULES, "protocol", "free-moduleProtocol"),
 ];
+
+const SMALLEST_OF_FREE_MODULES: &str = r#"
+version = 1
+[swarm]
+family = "free-module"
+start = "line:2"
+[[goal]]
+shape = "ell:2"
+"#;
 
 /// A scenario without any optional key.
 const SMALLEST_OF_CUBES: &str = r#"

@@ -176,6 +176,26 @@ impl World {
     pub fn lowest(&self) -> i16 {
         self.robots.iter().flat_map(|r| r.centres()).map(|c| c[2] - 1).min().unwrap_or(0)
     }
+    /// Returns the connector that faces a connector.
+    pub fn partner(&self, of: Place) -> Option<Place> {
+        let all = (0..self.robots.len()).flat_map(|m| Connector::ALL.map(|c| (m, c)));
+        all.into_iter().find(|other| self.facing(of, *other).is_ok())
+    }
+    /// Returns the other modules behind a joint; `None` if a loop locks it.
+    pub fn moving_side(&self, module: usize, joint: usize) -> Option<Vec<usize>> {
+        let behind = self.flood((module, joint + 1), Some((module, joint)));
+        let others = (0..self.robots.len()).filter(|m| *m != module && behind.contains(&(*m, 0)));
+        (!behind.contains(&(module, joint))).then(|| others.collect())
+    }
+    /// Returns the box of cells, in half cells, that the modules of a turn can reach, with `moving` those behind the joint.
+    pub fn reach(&self, module: usize, joint: usize, moving: &[usize]) -> [[i16; 3]; 2] {
+        let pivot = self.robots[module].centres()[usize::from(joint == 2)];
+        let cubes = moving.iter().chain([&module]).flat_map(|m| self.robots[*m].centres());
+        let square = |c: [i16; 3]| (0..3).map(|i| i32::from(c[i] - pivot[i]).pow(2)).sum::<i32>();
+        // A cube reaches 0.58 cells from its centre, so one cell beyond the distance is enough.
+        let reach = cubes.map(square).max().unwrap_or(0).isqrt() as i16 + 3;
+        [pivot.map(|x| x - reach), pivot.map(|x| x + reach)]
+    }
 
     fn robot(&self, module: usize) -> Result<&Robot, Refusal> {
         self.robots.get(module).ok_or(Refusal::NoModule(module))
@@ -186,7 +206,8 @@ impl World {
         let meet = a.0 != b.0 && plate_a == plate_b && normal_a == normal_b.map(|x| -x);
         if meet { Ok(()) } else { Err(Refusal::NotFacing(a, b)) }
     }
-    fn apart(&self) -> Result<(), Refusal> {
+    /// Refuses a world in which modules overlap.
+    pub fn apart(&self) -> Result<(), Refusal> {
         let mut filled: Vec<([i16; 3], usize)> = Vec::new();
         for (i, robot) in self.robots.iter().enumerate() {
             for centre in robot.centres() {
@@ -199,7 +220,8 @@ impl World {
         }
         Ok(())
     }
-    fn whole(&self) -> Result<(), Refusal> {
+    /// Refuses a world that is not in one piece.
+    pub fn whole(&self) -> Result<(), Refusal> {
         let reached = self.flood((0, 0), None);
         let lost = (0..self.robots.len()).find(|m| !reached.contains(&(*m, 0)));
         lost.map_or(Ok(()), |m| Err(Refusal::Parted(m)))

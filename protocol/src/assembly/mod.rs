@@ -14,6 +14,7 @@ pub mod ground;
 mod ground_tests;
 pub mod kept_edges;
 pub mod named;
+pub mod order;
 pub mod recognise;
 pub mod report2009;
 pub mod shape;

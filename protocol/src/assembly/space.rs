@@ -11,7 +11,7 @@ use super::tables::Vec3;
 use crate::plan::table;
 use crate::plan::{Cost, Space};
 use serde::{Deserialize, Serialize};
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// What a plan minimizes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -63,6 +63,11 @@ pub enum Goal {
     None,
 }
 
+/// Returns the usual number of shapes whose distance to the goal is computed: for up to four modules all.
+pub const fn usual_shapes(modules: usize) -> usize {
+    if modules <= 4 { 20_000 } else { 30_000 }
+}
+
 /// The space of configurations of free modules, towards a goal.
 #[derive(Clone, Debug)]
 pub struct Assembly {
@@ -72,7 +77,7 @@ pub struct Assembly {
     detail: Detail,
     /// The key of the goal; true if it is the key of a shape, false if it is that of a configuration.
     goal: Option<(bool, Vec<u8>)>,
-    distance: Option<Rc<ShapeDistance>>,
+    distance: Option<Arc<ShapeDistance>>,
     kept: Option<KeptEdges>,
     /// The sorted distances between the cells of the goal (see [`spectrum`]).
     spectrum: Vec<u16>,
@@ -109,7 +114,7 @@ impl Assembly {
             None if by_shape && alike => Detail::Frames,
             None => Detail::Joints,
         };
-        let distance = shape.map(|shape| Rc::new(ShapeDistance::to(&shape, prices, shapes)));
+        let distance = shape.map(|shape| Arc::new(ShapeDistance::to(&shape, prices, shapes)));
         let kept = shape.map(|shape| KeptEdges::to(&shape, prices));
         let spectrum = shape.map_or(Vec::new(), |shape| spectrum(&shape));
         Assembly { modules, rules, prices, detail, goal: key, distance, kept, spectrum }
@@ -126,6 +131,10 @@ impl Assembly {
     /// Returns what states are told apart by.
     pub fn detail(&self) -> Detail {
         self.detail
+    }
+    /// Returns the number of modules.
+    pub fn modules(&self) -> usize {
+        self.modules
     }
     /// Returns the rules.
     pub fn rules(&self) -> &Rules {

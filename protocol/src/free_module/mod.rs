@@ -1,5 +1,6 @@
-//! Off-grid locomotion of free Roombots modules: structures, body and limbs, and networks of oscillators.
+//! Free Roombots modules: off-grid locomotion, and [`reconfiguration`] on the lattice.
 //!
+//! Locomotion has structures, body and limbs, and networks of oscillators.
 //! A [`structure`] is a graph of modules with connectors; [`geometry`] places it in space. [`limbs`] divides it into
 //! body and limbs, [`network`] puts oscillators on joints and couples them, [`symmetry`] finds limbs that share
 //! parameters; [`oscillator`] moves joints. Everything but `geometry` is integers in a fixed order, so that every agent
@@ -15,5 +16,6 @@ pub mod limbs;
 pub mod named;
 pub mod network;
 pub mod oscillator;
+pub mod reconfiguration;
 pub mod structure;
 pub mod symmetry;

@@ -1,5 +1,5 @@
-//! Free modules off the grid: a world of fixed connections, with rigid bodies if wanted, the director that hands out a
-//! gait, and trials of gaits.
+//! Free modules: off the grid a world of fixed connections, with rigid bodies if wanted, the director that hands out a gait,
+//! and trials of gaits; [`reconfiguration`] on the lattice.
 
 pub mod audit;
 pub mod director;
@@ -9,6 +9,7 @@ pub mod physics_world;
 pub mod rapier;
 #[cfg(test)]
 mod rapier_tests;
+pub mod reconfiguration;
 pub mod structure_world;
 #[cfg(test)]
 mod tests;

@@ -16,7 +16,8 @@ use thiserror::Error;
 use toml::{Table, Value};
 
 /// The scenarios that new ones begin with: one of each family.
-const BASES: [(&str, &str); 2] = [("cube", "line-to-box"), ("metamodule", "chair")];
+const BASES: [(&str, &str); 3] =
+    [("cube", "line-to-box"), ("metamodule", "chair"), ("free-module", "line-to-loop")];
 
 /// Arguments of `new`.
 #[derive(Debug, Args)]
@@ -27,7 +28,7 @@ pub struct NewArgs {
     /// Write a repository for a protocol of your own to this directory, which must not exist yet or be empty
     #[arg(long, value_name = "DIR", conflicts_with_all = ["file", "family", "like", "minimal"])]
     pub protocol: Option<PathBuf>,
-    /// The family of its modules: cube or metamodule; default: that of --like, or cube
+    /// The family of its modules: cube, metamodule or free-module; default: that of --like, or cube
     #[arg(long, value_name = "FAMILY", conflicts_with = "like")]
     pub family: Option<String>,
     /// Begin with the values of this scenario, a name that `metamorph scenarios` lists; default: a small

@@ -5,6 +5,7 @@
 //! commands use. An embedding program can add families with [`install`].
 
 pub mod cube;
+pub mod free_module;
 pub mod generated;
 pub mod metamodule;
 
@@ -38,7 +39,8 @@ use std::sync::{Arc, OnceLock};
 use thiserror::Error;
 
 /// The built-in families; the first is the default of scenarios.
-const BUILT_IN: &[&dyn Family] = &[&cube::CubeFamily, &metamodule::MetamoduleFamily];
+const BUILT_IN: &[&dyn Family] =
+    &[&cube::CubeFamily, &metamodule::MetamoduleFamily, &free_module::FreeModuleFamily];
 
 /// What exploration needs of a family.
 pub trait ExploredFamily: ScenarioFamily {
@@ -52,6 +54,10 @@ pub trait ExploredFamily: ScenarioFamily {
     fn patience(&self, fails: bool, delay: u64) -> Option<(u64, u64)>;
     /// Returns the limit of runs for shrinking one failing scenario.
     fn shrinking(&self) -> u64;
+    /// Returns true if an exploration that names no family may draw this one.
+    fn is_drawn(&self) -> bool {
+        true
+    }
 }
 
 /// The interface that a family implements.

@@ -99,6 +99,15 @@ impl PlanError {
     }
 }
 
+impl PlanError {
+    /// Returns the reason, with its place, and what to do.
+    pub fn reason_and_fix(&self) -> (String, String) {
+        let text = self.to_string();
+        let (reason, fix) = text.split_once("\n  fix: ").unwrap_or((&text, "check the file"));
+        (reason.to_owned(), fix.to_owned())
+    }
+}
+
 impl CommandError for PlanError {
     fn exit_code(&self) -> u8 {
         match self {

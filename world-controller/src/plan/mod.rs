@@ -1,17 +1,18 @@
 //! `metamorph plan`: plans the reconfiguration of free modules, exactly; checks plans, compares and counts structures.
 //!
-//! `input`, `connected` and `document` read and write files, `solve` drives a planner, `order` finds what may happen at
-//! once, `ground` reads how it stands, `check` is the independent check of a plan, `compare` has the questions without a plan. The planners themselves
+//! `input`, `connected` and `document` read and write files, `solve` drives a planner, `ground` reads how a structure stands,
+//! `counts` says what a plan consists of, `check` is the independent check of a plan, `compare` has the questions without a
+//! plan. The planners themselves
 //! are in `metamorph_protocol::plan` and `assembly`.
 
 mod check;
 mod compare;
 pub mod connected;
+mod counts;
 pub mod document;
 mod error;
 mod ground;
 pub mod input;
-mod order;
 pub mod solve;
 
 pub use error::PlanError;

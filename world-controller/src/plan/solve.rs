@@ -1,10 +1,10 @@
 //! Drives a planner: slices of work, time limit, Ctrl-C, progress; and makes a plan file of its path.
 
+use super::counts::counts;
 use super::document::{
     Answer, Counts, GroundEntry, PLAN, PlanFile, Step as PlannedStep, VERSION, Verdict, What,
 };
 use super::input::{Structured, configuration_document, shape_document};
-use super::order;
 use crate::console::format::{bytes, count};
 use crate::console::interrupt::Interrupt;
 use crate::console::stopwatch::Stopwatch;
@@ -13,7 +13,8 @@ use clap::ValueEnum;
 use metamorph_protocol::assembly::action::{Action, Connectors, Rules};
 use metamorph_protocol::assembly::checker::{PhysicalAction, Physics, World, robot};
 use metamorph_protocol::assembly::configuration::Configuration;
-use metamorph_protocol::assembly::space::{Assembly, Goal, Objective};
+use metamorph_protocol::assembly::order;
+use metamorph_protocol::assembly::space::{Assembly, Goal, Objective, usual_shapes};
 use metamorph_protocol::assembly::standing::Standing;
 use metamorph_protocol::assembly::tables::TABLES;
 use metamorph_protocol::plan::bidirectional::Bidirectional;
@@ -25,10 +26,6 @@ use metamorph_protocol::roombots::connector::Connector;
 use metamorph_protocol::roombots::posture::Posture;
 use std::time::Duration;
 
-/// The maximum number of shapes whose distance to the goal is computed, for five modules or more.
-const SHAPES: usize = 30_000;
-/// The same for up to four modules, where it is enough for all shapes.
-const ALL_OF_FOUR: usize = 20_000;
 /// Expansions between two looks at the clock.
 const SLICE: u64 = 256;
 
@@ -130,8 +127,7 @@ impl Problem {
             Structured::Shape(shape) => Goal::Shape(*shape),
             Structured::Configuration(configuration) => Goal::Configuration(*configuration),
         };
-        let shapes = if n <= 4 { ALL_OF_FOUR } else { SHAPES };
-        Assembly::new(n, self.rules.clone(), self.objective, &goal, shapes)
+        Assembly::new(n, self.rules.clone(), self.objective, &goal, usual_shapes(n))
     }
 
     /// Returns the planner that `auto` stands for.
@@ -255,7 +251,7 @@ impl Problem {
         let order = order::of(&self.rules, &self.start, done);
         let mut at = self.start;
         let mut steps = Vec::new();
-        for (action, after) in done.iter().zip(order.after) {
+        for (action, after) in done.iter().zip(order.after.clone()) {
             let next = self.rules.apply(&at, *action).expect("invariant: the search followed this action");
             steps.push(PlannedStep {
                 what: What::of(physical(*action)),
@@ -283,7 +279,7 @@ impl Problem {
             planner: planner.to_owned(),
             expanded: progress.expanded,
         };
-        (plan, order.counts)
+        (plan, counts(done, &order))
     }
 }
 

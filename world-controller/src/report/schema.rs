@@ -25,7 +25,7 @@ pub struct Report {
     pub scenario: String,
     /// The scenario's file as it was typed, or its last part if that was an absolute path.
     pub file: String,
-    /// The family of modules: `cube` or `metamodule`.
+    /// The family of modules: `cube`, `metamodule` or `free-module`.
     pub family: String,
     /// The seed of the run.
     pub seed: u64,

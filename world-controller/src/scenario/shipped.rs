@@ -34,6 +34,7 @@ scenarios!(
     "faults",
     "hand-over",
     "line-to-box",
+    "line-to-loop",
     "rabbit",
     "slab-to-disc",
     "slab-to-sphere",

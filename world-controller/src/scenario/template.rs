@@ -14,7 +14,7 @@ use toml::{Table, Value};
 const WIDTH: usize = 100;
 
 /// Examples of values that have no default, by key or else by the name of their definition.
-const EXAMPLES: [(&str, &str); 22] = [
+const EXAMPLES: [(&str, &str); 24] = [
     ("from", "\"10s\""),
     ("until", "\"20s\""),
     ("timeout", "\"1000s\""),
@@ -31,6 +31,8 @@ const EXAMPLES: [(&str, &str); 22] = [
     ("cell", "[0, 0, 0]"),
     ("connector", "[0, 0]"),
     ("modules", "0"),
+    ("types", "\"000\""),
+    ("joints_deg", "[[0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]]"),
     ("radius", "3"),
     ("precedence", "{ within = 4, by = \"seed-distance\" }"),
     ("settled_repel", "true"),

@@ -350,6 +350,7 @@ impl Scene {
                 self.rests(id);
                 self.flow.moved(now);
             }
+            ActionOutcome::Carried => drop(self.rests(id)),
             ActionOutcome::Failed => {
                 self.rests(id);
                 self.push(now, Event::Failed(id));

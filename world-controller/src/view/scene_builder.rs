@@ -120,7 +120,12 @@ impl<A: Visible> SceneBuilder<A> {
                 scene.asked(at, *id, begun.map(|(motion, to)| (motion, A::whereabouts(&to))));
             }
             E::Sensed { id, sensed: Sensed::Percept(percept) } => {
-                scene.went(at, *id, A::fate(&percept.read()?));
+                let percept: A::Percept = percept.read()?;
+                let Bodies { setup, places } = &self.bodies;
+                match places.get(id.index()).and_then(|place| A::carried(setup, place, &percept)) {
+                    Some((motion, to)) => scene.asked(at, *id, Some((motion, A::whereabouts(&to)))),
+                    None => scene.went(at, *id, A::fate(&percept)),
+                }
             }
             E::Report { id, report } => scene.tells(at, *id, A::standing(&report.read()?)),
             E::Started { id } if at > Time::ZERO => scene.note(at, Event::Started(*id)),

@@ -33,6 +33,8 @@ pub enum ActionOutcome {
     Failed,
     /// It was refused and has not begun.
     Refused,
+    /// The action of another body, which carried this one, has succeeded.
+    Carried,
 }
 
 /// The colour of a role; dead, paused and silent modules have the same colours in all families.
@@ -136,6 +138,15 @@ pub trait Visible: Agent {
         place: &Self::Place,
         action: &Self::Action,
     ) -> Option<(Motion, Self::Place)>;
+    /// Returns the motion of a body that another one begins to carry, and its place afterwards, if that is what a percept
+    /// says. By default bodies do not carry each other.
+    fn carried(
+        _setup: &Self::Setup,
+        _place: &Self::Place,
+        _percept: &Self::Percept,
+    ) -> Option<(Motion, Self::Place)> {
+        None
+    }
     /// Returns the cell of a body; of one with several cells, the one at the connector that holds it.
     fn cell(place: &Self::Place) -> Cell;
     /// Describes the place of a body.

@@ -20,13 +20,18 @@ const TRIES: u64 = 40;
 pub fn draw(seed: u64, family: Option<&'static dyn Family>) -> (GeneratedScenario, Plan) {
     for attempt in 0..TRIES {
         let mut dice = Dice(Rng::named(seed, "explore", attempt));
-        let family = family.unwrap_or_else(|| dice.pick(all()));
+        let family = family.unwrap_or_else(|| dice.pick(&drawn()));
         if let Some(drawn) = complete(dice.draft(seed, family)) {
             return drawn;
         }
     }
     complete(GeneratedScenario { seed, ..smallest(family.unwrap_or(all()[0])) })
         .expect("invariant: the smallest scenario can be read, whatever its seed")
+}
+
+/// Returns the families that are drawn if none is named.
+fn drawn() -> Vec<&'static dyn Family> {
+    all().iter().copied().filter(|family| family.is_drawn()).collect()
 }
 
 /// Creates the plan, and stores what its seed decides in the draft.

@@ -1,21 +1,22 @@
-//! Which actions of a plan must come after which, and what a plan consists of.
+//! Which actions of a plan must come after which.
 //!
 //! Two turns are independent if the parts that they move have no module in common and cannot reach the same
 //! cell. An attachment or a detachment changes what turns move, so its order relative to all other actions is
 //! kept.
 
-use super::document::Counts;
-use metamorph_protocol::assembly::action::{Action, Rules};
-use metamorph_protocol::assembly::configuration::{Configuration, Links, at_hemispheres};
-use metamorph_protocol::assembly::tables::sub;
+use super::action::{Action, Rules};
+use super::configuration::{Configuration, Links, at_hemispheres};
+use super::tables::sub;
 
 /// The order of a plan.
 pub struct Order {
     /// For each action, the actions that must be done before it, except those that follow from others in the
     /// list.
     pub after: Vec<Vec<usize>>,
-    /// What the plan consists of.
-    pub counts: Counts,
+    /// Actions one after another if independent ones are carried out together.
+    pub makespan: u32,
+    /// Cubes lifted, summed over all turns; of each turn those of the smaller side.
+    pub lifted: u32,
 }
 
 /// What a turn moves.
@@ -29,27 +30,14 @@ struct Moved {
 
 /// Determines the order of a plan. Its actions must be possible one after another.
 pub fn of(rules: &Rules, start: &Configuration, actions: &[Action]) -> Order {
-    let mut at = *start;
+    let (mut at, mut lifted) = (*start, 0);
     let mut moved: Vec<Option<Moved>> = Vec::new();
-    let mut counts = Counts { actions: actions.len() as u32, ..Counts::default() };
-    let mut pending = 0;
     for action in actions {
-        pending += 1;
-        match action {
-            Action::Attach(_) => {
-                counts.attachments += 1;
-                counts.moves += 1;
-                pending = 0;
-            }
-            Action::Detach(_) => counts.detachments += 1,
-            Action::Turn { .. } => counts.turns += 1,
-        }
         let part = part(&at, *action);
-        counts.lifted += part.as_ref().map_or(0, |p| p.cubes);
+        lifted += part.as_ref().map_or(0, |p| p.cubes);
         moved.push(part);
         at = rules.apply(&at, *action).expect("invariant: plans are possible");
     }
-    counts.moves += u32::from(pending > 0);
     let mut after: Vec<Vec<usize>> = Vec::new();
     let mut before: Vec<Vec<bool>> = Vec::new();
     let mut depth: Vec<u32> = Vec::new();
@@ -71,8 +59,7 @@ pub fn of(rules: &Rules, start: &Configuration, actions: &[Action]) -> Order {
         before.push(known);
         depth.push(deepest + 1);
     }
-    counts.makespan = depth.into_iter().max().unwrap_or(0);
-    Order { after, counts }
+    Order { after, makespan: depth.into_iter().max().unwrap_or(0), lifted }
 }
 
 fn independent(a: Option<&Moved>, b: Option<&Moved>) -> bool {

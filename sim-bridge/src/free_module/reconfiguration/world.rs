@@ -1,0 +1,535 @@
+//! The world of free modules on the lattice: bodies, connectors, and turns that carry whole branches.
+//!
+//! The world is the interlock: a joint turns only if no loop locks it and no body is in the way, on the way or at the
+//! end; a connector closes only if it faces another one; one whose opening would part the structure stays closed. It
+//! judges by the checker of plans (`assembly::checker`), which shares nothing with the planner. What other modules are
+//! about to do a body cannot know: that is what branch locks are for. Two modules are in contact while both sides of a
+//! connection are closed. Absent: gravity, torque, a floor.
+
+mod safety;
+
+use crate::world::invariants::Violation;
+use crate::world::{World, due};
+use metamorph_protocol::assembly::checker::{
+    PhysicalAction, Physics, Place as Site, Refusal as Reason, World as Bodies,
+};
+use metamorph_protocol::assembly::collision::Model;
+use metamorph_protocol::digest::Portable;
+use metamorph_protocol::free_module::reconfiguration::message::{Action, Deed, Percept, Refusal, Swing};
+use metamorph_protocol::free_module::reconfiguration::place::{CONNECTORS, Place};
+use metamorph_protocol::free_module::reconfiguration::{LatticeModule, Setup};
+use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::rng::Rng;
+use metamorph_protocol::roombots::connector::Connector;
+use metamorph_protocol::runtime::{Contact, Sensed};
+use metamorph_protocol::time::Time;
+use std::cmp::Reverse;
+use std::collections::{BTreeSet, BinaryHeap, VecDeque};
+use std::hash::{Hash, Hasher};
+use std::sync::Arc;
+
+/// Cells from the origin within which modules stay.
+const FARTHEST: i16 = Cell::LIMIT / 2;
+
+/// What a turn moves.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Turn {
+    joint: usize,
+    positive: bool,
+    /// The other modules behind the joint.
+    moving: Vec<usize>,
+    /// The box that they can reach, in half cells.
+    reach: [[i16; 3]; 2],
+}
+
+/// An action under way.
+#[derive(Clone, Debug)]
+struct UnderWay {
+    action: Action,
+    fails: bool,
+    turn: Option<Turn>,
+}
+
+#[derive(Clone, Debug)]
+struct Body {
+    /// The closed connectors, as bits.
+    closed: u16,
+    incarnation: Incarnation,
+    revision: Revision,
+    contacts: [Option<Contact>; CONNECTORS],
+    under_way: Option<UnderWay>,
+    carried_by: Option<ModuleId>,
+    stuck: bool,
+}
+
+/// Counts of the bodies' actions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ActionCounts {
+    /// Actions begun.
+    pub started: u64,
+    /// Steps of joints completed.
+    pub turns: u64,
+    /// Connections made.
+    pub attached: u64,
+    /// Connections given up.
+    pub detached: u64,
+    /// Sides of connections closed or opened.
+    pub sides: u64,
+    /// Actions that failed: stuck joints and failed connections.
+    pub failed: u64,
+    /// Actions refused because of another body.
+    pub blocked: u64,
+    /// Actions refused because they came too late.
+    pub late: u64,
+    /// Actions refused because the contacts had changed.
+    pub stale: u64,
+    /// Actions refused because the body was not able to, or was busy.
+    pub impossible: u64,
+}
+
+/// A simulated world of free modules.
+#[derive(Clone, Debug)]
+pub struct FreeModuleWorld {
+    setup: Arc<Setup>,
+    physics: Physics,
+    /// Where modules are; `held` are the connections that both sides hold.
+    state: Bodies,
+    bodies: Vec<Body>,
+    /// Connections that one side has begun to make or to give up: the record of the safety checks.
+    pending: BTreeSet<(Site, Site)>,
+    /// Actions carried out: epoch and index, and the module.
+    done: BTreeSet<(u32, u16, ModuleId)>,
+    /// Actions confirmed, of the latest epoch.
+    confirmed: (u32, BTreeSet<usize>),
+    due: BinaryHeap<Reverse<(Time, u64, ModuleId)>>,
+    order: u64,
+    sensed: VecDeque<(ModuleId, Sensed<Percept>)>,
+    sessions: u32,
+    failure: Ratio,
+    joints: Rng,
+    counts: ActionCounts,
+    violations: Vec<Violation>,
+}
+
+/// Returns a pair in the order of the checker.
+fn pair(a: Site, b: Site) -> (Site, Site) {
+    (a.min(b), a.max(b))
+}
+
+impl FreeModuleWorld {
+    /// Creates a world with a module at each place; their ids are the indices in the list.
+    pub fn new(setup: Arc<Setup>, physics: Physics, places: &[Place], seed: u64) -> FreeModuleWorld {
+        let body = |place: &Place| Body {
+            closed: place.closed,
+            incarnation: Incarnation(0),
+            revision: Revision(0),
+            contacts: [None; CONNECTORS],
+            under_way: None,
+            carried_by: None,
+            stuck: false,
+        };
+        let robots = places.iter().map(Place::robot).collect();
+        let mut world = FreeModuleWorld {
+            setup,
+            physics,
+            state: Bodies { robots, held: BTreeSet::new() },
+            bodies: places.iter().map(body).collect(),
+            pending: BTreeSet::new(),
+            done: BTreeSet::new(),
+            confirmed: (0, BTreeSet::new()),
+            due: BinaryHeap::new(),
+            order: 0,
+            sensed: VecDeque::new(),
+            sessions: 0,
+            failure: Ratio::ZERO,
+            joints: Rng::named(seed, "joints", 0),
+            counts: ActionCounts::default(),
+            violations: Vec::new(),
+        };
+        for (module, place) in places.iter().enumerate() {
+            let closed = Connector::ALL.into_iter().filter(|c| place.is_closed(*c as u8));
+            for site in closed.map(|c| (module, c)) {
+                world.connect(site, false);
+            }
+        }
+        world.check_all(Time::ZERO);
+        world
+    }
+
+    /// Sets the probability with which each later closing of a connector fails.
+    pub fn set_failure(&mut self, p: Ratio) {
+        self.failure = p;
+    }
+    /// Makes the joints of this module stick, or turn again.
+    pub fn set_stuck(&mut self, id: ModuleId, stuck: bool) {
+        self.bodies[id.index()].stuck = stuck;
+    }
+    /// Returns the counts of actions so far.
+    pub fn counts(&self) -> ActionCounts {
+        self.counts
+    }
+    /// Returns the setup that all modules share.
+    pub fn setup(&self) -> &Setup {
+        &self.setup
+    }
+    /// Returns true if a module acts or is carried.
+    pub fn is_acting(&self, id: ModuleId) -> bool {
+        let body = &self.bodies[id.index()];
+        body.under_way.is_some() || body.carried_by.is_some()
+    }
+    /// Returns the places of all modules, with the connections that both sides hold. `None` while a turn is under way
+    /// or a connection is held by one side only.
+    pub fn at_rest(&self) -> Option<Vec<Place>> {
+        let acts = |id| self.is_acting(ModuleId(id));
+        let rests = !(0..self.bodies.len() as u32).any(acts) && self.half_open().next().is_none();
+        rests.then(|| (0..self.bodies.len() as u32).map(|id| self.place(ModuleId(id))).collect())
+    }
+    /// Returns the modules that the turn of a module moves, if it turns.
+    pub fn carried_by(&self, id: ModuleId) -> Option<&[usize]> {
+        let under_way = self.bodies[id.index()].under_way.as_ref()?;
+        under_way.turn.as_ref().map(|turn| &*turn.moving)
+    }
+    /// Returns when the current action of a module ends, if it acts.
+    pub fn acting_until(&self, id: ModuleId) -> Option<Time> {
+        self.due.iter().find(|Reverse((_, _, of))| *of == id).map(|Reverse((at, _, _))| *at)
+    }
+
+    fn is_closed(&self, (module, connector): Site) -> bool {
+        self.bodies[module].closed >> connector as u16 & 1 != 0
+    }
+    fn set_closed(&mut self, (module, connector): Site, closed: bool) {
+        let bits = &mut self.bodies[module].closed;
+        *bits = *bits & !(1 << connector as u16) | u16::from(closed) << connector as u16;
+    }
+    /// Iterates over the connections that one side holds: the closed side and the open one.
+    fn half_open(&self) -> impl Iterator<Item = (Site, Site)> {
+        let all = (0..self.bodies.len()).flat_map(|m| Connector::ALL.map(|c| (m, c)));
+        let closed = all.filter(|site| self.is_closed(*site));
+        closed.filter_map(|site| Some((site, self.state.partner(site)?))).filter(|(_, p)| !self.is_closed(*p))
+    }
+    /// Returns the bodies with every connection that at least one side holds.
+    fn bound(&self) -> Bodies {
+        let mut state = self.state.clone();
+        state.held.extend(self.half_open().map(|(a, b)| pair(a, b)));
+        state
+    }
+
+    fn set_contact(&mut self, site: Site, contact: Option<Contact>, tell: bool) {
+        let body = &mut self.bodies[site.0];
+        body.contacts[site.1 as usize] = contact;
+        body.revision.0 += 1;
+        let (port, revision) = (Port(site.1 as u8), body.revision);
+        if tell {
+            let sensed = Sensed::Contact { port, revision, contact };
+            self.sensed.push_back((ModuleId(site.0 as u32), sensed));
+        }
+    }
+
+    /// Opens the contact of a connection if both sides hold it and there is none yet.
+    fn connect(&mut self, site: Site, tell: bool) {
+        let Some(partner) = self.state.partner(site).filter(|p| self.is_closed(*p)) else { return };
+        self.state.held.insert(pair(site, partner));
+        if self.bodies[site.0].contacts[site.1 as usize].is_some() {
+            return;
+        }
+        self.sessions += 1;
+        let session = Session(self.sessions);
+        for (own, other) in [(site, partner), (partner, site)] {
+            let contact = Contact {
+                session,
+                peer: ModuleId(other.0 as u32),
+                peer_incarnation: self.bodies[other.0].incarnation,
+                peer_port: Port(other.1 as u8),
+            };
+            self.set_contact(own, Some(contact), tell);
+        }
+    }
+
+    fn disconnect(&mut self, site: Site) {
+        let held = self.state.held.iter().find(|(a, b)| *a == site || *b == site).copied();
+        if let Some((a, b)) = held {
+            self.state.held.remove(&(a, b));
+            self.set_contact(a, None, true);
+            self.set_contact(b, None, true);
+        }
+    }
+
+    fn refuse(&mut self, id: ModuleId, why: Refusal) {
+        match why {
+            Refusal::Blocked => self.counts.blocked += 1,
+            Refusal::Late => self.counts.late += 1,
+            Refusal::Stale => self.counts.stale += 1,
+            Refusal::Busy | Refusal::Impossible => self.counts.impossible += 1,
+        }
+        self.sensed.push_back((id, Sensed::Percept(Percept::Refused(why))));
+    }
+
+    /// Returns what a turn moves, if the body is able to do the action.
+    fn judge(&self, id: ModuleId, deed: Deed) -> Result<Option<Turn>, Refusal> {
+        let module = id.index();
+        match deed {
+            Deed::Attach(connector) => {
+                let site = (module, Connector::ALL[usize::from(connector)]);
+                let partner = self.state.partner(site).ok_or(Refusal::Impossible)?;
+                let passive = self.physics.active && !site.1.is_active() && !partner.1.is_active();
+                match (self.is_closed(site) || passive, self.bodies[partner.0].carried_by) {
+                    (true, _) => Err(Refusal::Impossible),
+                    (false, Some(_)) => Err(Refusal::Busy),
+                    (false, None) => Ok(None),
+                }
+            }
+            Deed::Detach(connector) => {
+                let site = (module, Connector::ALL[usize::from(connector)]);
+                let mut rest = self.state.clone();
+                rest.held.retain(|held| !self.is_opening(*held) && held.0 != site && held.1 != site);
+                let parts = rest.whole().is_err();
+                if !self.is_closed(site) || parts { Err(Refusal::Impossible) } else { Ok(None) }
+            }
+            Deed::Turn { joint, positive } => self.turn(module, joint.into(), positive).map(Some),
+        }
+    }
+
+    /// Returns true if a side of a connection is opening.
+    fn is_opening(&self, (a, b): (Site, Site)) -> bool {
+        [a, b].into_iter().any(|(module, connector)| {
+            let deed = self.bodies[module].under_way.as_ref().map(|u| u.action.deed);
+            deed == Some(Deed::Detach(connector as u8))
+        })
+    }
+
+    fn turn(&self, module: usize, joint: usize, positive: bool) -> Result<Turn, Refusal> {
+        let bound = self.bound();
+        let moving = bound.moving_side(module, joint).ok_or(Refusal::Impossible)?;
+        match bound.act(PhysicalAction::Turn(module, joint, positive), self.physics) {
+            Err(Reason::Collision(..) | Reason::Touch(..)) => return Err(Refusal::Blocked),
+            Err(_) => return Err(Refusal::Impossible),
+            Ok(next) => {
+                let cells = next.robots.iter().map(|robot| Place::of_robot(robot, 0).cell);
+                let far = |c: Cell| [c.x, c.y, c.z].into_iter().any(|x| x.abs() > FARTHEST);
+                if cells.into_iter().any(far) {
+                    return Err(Refusal::Impossible);
+                }
+            }
+        }
+        let reach = bound.reach(module, joint, &moving);
+        let turns = self.bodies.iter().flat_map(|b| &b.under_way).flat_map(|u| &u.turn);
+        let meets =
+            |[low, high]: [[i16; 3]; 2]| (0..3).all(|i| reach[0][i] <= high[i] && low[i] <= reach[1][i]);
+        // What two turns sweep at once is not sampled, so they must be out of each other's reach.
+        match turns.into_iter().any(|turn| meets(turn.reach) || turn.moving.contains(&module)) {
+            true => Err(Refusal::Busy),
+            false => Ok(Turn { joint, positive, moving, reach }),
+        }
+    }
+
+    /// Tells the modules that a turn moves, from the frame of the joint before it.
+    fn carry(&mut self, id: ModuleId, turn: &Turn) {
+        let (axis, pivot) = self.place(id).axis(turn.joint as u8);
+        let step = if turn.joint == 1 { 90 } else { 120 };
+        let degrees = if turn.positive { step } else { -step };
+        let swing = Swing { pivot, axis: axis.map(|a| a as i8), degrees };
+        for module in &turn.moving {
+            self.bodies[*module].carried_by = Some(id);
+            self.sensed.push_back((ModuleId(*module as u32), Sensed::Percept(Percept::Carried(swing))));
+        }
+    }
+
+    fn complete(&mut self, now: Time, id: ModuleId) {
+        let Some(UnderWay { action, fails, turn }) = self.bodies[id.index()].under_way.take() else { return };
+        let moved = match (action.deed, &turn) {
+            _ if fails => false,
+            (Deed::Turn { .. }, Some(turn)) => self.turned(now, id, turn),
+            (Deed::Attach(connector), _) => {
+                self.attached((id.index(), Connector::ALL[usize::from(connector)]))
+            }
+            (Deed::Detach(connector), _) => {
+                self.detached((id.index(), Connector::ALL[usize::from(connector)]));
+                true
+            }
+            (Deed::Turn { .. }, None) => false,
+        };
+        for module in turn.iter().flat_map(|turn| &turn.moving) {
+            self.bodies[*module].carried_by = None;
+            let other = ModuleId(*module as u32);
+            let percept = Percept::Settled { place: self.place(other), moved };
+            self.sensed.push_back((other, Sensed::Percept(percept)));
+        }
+        let percept = if moved { Percept::Done(self.place(id)) } else { Percept::Failed };
+        self.sensed.push_back((id, Sensed::Percept(percept)));
+        if moved {
+            self.note_done(now, id, action.step);
+        } else {
+            self.counts.failed += 1;
+        }
+        self.forget_pending();
+        self.check_all(now);
+    }
+
+    /// Turns a joint. Other turns may have ended meanwhile, out of its reach.
+    fn turned(&mut self, now: Time, id: ModuleId, turn: &Turn) -> bool {
+        let physics = Physics { collision: Model::Final, ..self.physics };
+        let action = PhysicalAction::Turn(id.index(), turn.joint, turn.positive);
+        match self.bound().act(action, physics) {
+            Ok(next) => {
+                self.state.robots = next.robots;
+                self.counts.turns += 1;
+                true
+            }
+            Err(reason) => {
+                self.check_turned(now, id, &reason);
+                false
+            }
+        }
+    }
+
+    /// Closes a connector, unless what it faced has moved away.
+    fn attached(&mut self, site: Site) -> bool {
+        if self.state.partner(site).is_none() {
+            return false;
+        }
+        self.set_closed(site, true);
+        self.counts.sides += 1;
+        let before = self.state.held.len();
+        self.connect(site, true);
+        self.counts.attached += (self.state.held.len() > before) as u64;
+        true
+    }
+
+    fn detached(&mut self, site: Site) {
+        self.disconnect(site);
+        self.set_closed(site, false);
+        self.counts.sides += 1;
+        let is_last = self.state.partner(site).is_none_or(|p| !self.is_closed(p));
+        self.counts.detached += u64::from(is_last);
+    }
+}
+
+impl World for FreeModuleWorld {
+    type Agent = LatticeModule;
+
+    fn len(&self) -> usize {
+        self.bodies.len()
+    }
+
+    fn place(&self, id: ModuleId) -> Place {
+        Place::of_robot(&self.state.robots[id.index()], self.bodies[id.index()].closed)
+    }
+
+    fn start(&mut self, _now: Time, id: ModuleId, incarnation: Incarnation) {
+        let before = std::mem::replace(&mut self.bodies[id.index()].incarnation, incarnation);
+        let sites = Connector::ALL.map(|connector| (id.index(), connector));
+        if before == incarnation {
+            // First incarnation: the sessions are as old as the world, only this module must hear of them.
+            let body = &self.bodies[id.index()];
+            for (i, contact) in body.contacts.into_iter().enumerate().filter(|(_, c)| c.is_some()) {
+                let sensed = Sensed::Contact { port: Port(i as u8), revision: body.revision, contact };
+                self.sensed.push_back((id, sensed));
+            }
+            return;
+        }
+        for site in sites {
+            if self.bodies[site.0].contacts[site.1 as usize].is_some() {
+                self.disconnect(site);
+                self.connect(site, true);
+            }
+        }
+    }
+
+    fn act(&mut self, now: Time, id: ModuleId, sensed: Revision, action: &Action) {
+        let body = &self.bodies[id.index()];
+        if self.is_acting(id) {
+            return self.refuse(id, Refusal::Busy);
+        }
+        if sensed != body.revision {
+            return self.refuse(id, Refusal::Stale);
+        }
+        if now > action.not_after {
+            return self.refuse(id, Refusal::Late);
+        }
+        let stuck = body.stuck;
+        let turn = match self.judge(id, action.deed) {
+            Ok(turn) => turn,
+            Err(why) => return self.refuse(id, why),
+        };
+        let (takes, fails) = match action.deed {
+            Deed::Turn { .. } => (self.setup.turn_time, stuck),
+            Deed::Attach(_) => (self.setup.connect_time, self.joints.chance(self.failure)),
+            Deed::Detach(_) => (self.setup.connect_time, false),
+        };
+        self.counts.started += 1;
+        self.order += 1;
+        self.due.push(Reverse((now + takes, self.order, id)));
+        if let Deed::Attach(connector) | Deed::Detach(connector) = action.deed {
+            let site = (id.index(), Connector::ALL[usize::from(connector)]);
+            self.pending.extend(self.state.partner(site).map(|partner| pair(site, partner)));
+        }
+        if let Some(turn) = &turn {
+            self.check_turn(now, id, turn);
+            self.carry(id, turn);
+        }
+        self.bodies[id.index()].under_way = Some(UnderWay { action: *action, fails, turn });
+    }
+
+    fn next_event(&self) -> Time {
+        self.due.peek().map_or(Time::NEVER, |Reverse((at, _, _))| *at)
+    }
+
+    fn advance(&mut self, now: Time) {
+        while let Some(Reverse((at, _, id))) = self.due.peek().copied() {
+            if at > now {
+                break;
+            }
+            self.due.pop();
+            self.complete(at, id);
+        }
+    }
+
+    fn digest(&self, hasher: &mut dyn Hasher) {
+        let mut hasher = Portable::new(hasher);
+        for (i, body) in self.bodies.iter().enumerate() {
+            let Body { closed: _, incarnation, revision, contacts, under_way, carried_by, stuck } = body;
+            self.place(ModuleId(i as u32)).hash(&mut hasher);
+            (incarnation, revision, contacts, carried_by, stuck).hash(&mut hasher);
+            under_way
+                .as_ref()
+                .map(|UnderWay { action, fails, turn }| (action, fails, turn))
+                .hash(&mut hasher);
+        }
+        (due(&self.due), self.sessions, &self.joints).hash(&mut hasher);
+    }
+
+    fn poll(&mut self) -> Option<(ModuleId, Sensed<Percept>)> {
+        self.sensed.pop_front()
+    }
+}
+
+/// What tests of the checks do to bodies behind the back of the interlock.
+#[cfg(test)]
+impl FreeModuleWorld {
+    pub(super) fn revision(&self, id: ModuleId) -> Revision {
+        self.bodies[id.index()].revision
+    }
+    pub(super) fn is_behind(&self, of: ModuleId, other: ModuleId) -> bool {
+        self.state.moving_side(of.index(), 1).is_some_and(|side| side.contains(&other.index()))
+    }
+    pub(super) fn let_go_of_everything(&mut self, id: ModuleId) {
+        for site in Connector::ALL.map(|connector| (id.index(), connector)) {
+            if let Some(partner) = self.state.partner(site) {
+                self.disconnect(site);
+                self.set_closed(site, false);
+                self.set_closed(partner, false);
+            }
+        }
+    }
+    pub(super) fn open_without_telling(&mut self, id: ModuleId) {
+        self.bodies[id.index()].closed = 0;
+    }
+    pub(super) fn put_on_top(&mut self, id: ModuleId, other: ModuleId) {
+        self.state.robots[id.index()] = self.state.robots[other.index()].clone();
+    }
+    pub(super) fn mark_pending(&mut self, id: ModuleId) {
+        self.pending.insert(((id.index(), Connector::C0X), (id.index(), Connector::C0Y)));
+    }
+}
