@@ -4,8 +4,8 @@
 use crate::probe::{Felt, Probe, ProbeOrder, ProbePlace, ProbeReport, ProbeSetup, ProbeWorld, Touch};
 use crate::script::Script;
 use metamorph_protocol::counters::Tally;
-use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
-use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::ids::{HostId, Incarnation, ModuleId, Revision};
+use metamorph_protocol::link::{ClockOffset, Hosts, LinkModel};
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::runtime::Sensed;
 use metamorph_protocol::time::{Span, Time};
@@ -47,6 +47,27 @@ impl Testbed for ProcessBed {
         let outcome = run_swarm(&self.options, &setup(), world, script);
         self.outcome = outcome.unwrap_or_else(|e| panic!("the swarm could not be run: {e}"));
         self.outcome.tally
+    }
+}
+
+/// Real processes on two hosts: neighbours in a line are on different ones.
+#[derive(Debug)]
+pub struct HostsBed(ProcessBed);
+
+impl HostsBed {
+    /// Agents and the daemon are processes of this program, see `probe-agent`.
+    pub fn new(program: impl Into<PathBuf>) -> HostsBed {
+        HostsBed(ProcessBed::new(program))
+    }
+}
+
+impl Testbed for HostsBed {
+    fn run(&mut self, link: &LinkModel, world: &mut ProbeWorld, script: &mut Script) -> Tally {
+        let homes = (0..world.len()).map(|i| HostId((i % 2) as u16)).collect();
+        let between = LinkModel { partitions: Vec::new(), ..link.clone() };
+        let hosts = Hosts::new(homes, vec![ClockOffset::default(); 2], vec![between]);
+        let hosts = hosts.unwrap_or_else(|e| panic!("two hosts: {e}"));
+        self.0.run(&LinkModel { hosts: Some(Arc::new(hosts)), ..link.clone() }, world, script)
     }
 }
 

@@ -240,5 +240,9 @@ fn wrong_hosts_are_refused_with_place_reason_and_fix() {
     }
     let alone = SWARM.split("[link.between_hosts]").next().unwrap();
     refused(alone, &["check", "{}", "--link", "sim"], &["no host `h2`; the swarm has one host", "hosts = 3"]);
-    refused(SWARM, &["check", "{}"], &["processes on several hosts is not supported yet", "--link sim"]);
+    refused(
+        SWARM,
+        &["check", "{}"],
+        &["processes with clocks that differ is not supported yet", "--link sim"],
+    );
 }

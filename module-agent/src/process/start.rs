@@ -95,7 +95,10 @@ pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
         return Err(AgentError::NoSuchModule(args.id.0, swarm.count));
     }
     let agent = (args.id, args.incarnation);
-    let transport = join(args, agent, A::PORTS)?;
+    let mut transport = join(args, agent, A::PORTS)?;
+    if let Some(hosts) = &swarm.link.hosts {
+        transport = transport.on_hosts(Arc::clone(hosts), lease.generation);
+    }
     let counters = Box::new(CounterFile::create(&args.root, args.id, args.incarnation)?);
     // Before the controller hears of this incarnation: every incarnation that it knows has its part.
     let journal = swarm.journal.as_ref().map(|parts| begin_journal(parts, agent)).transpose()?;

@@ -30,6 +30,9 @@ pub const INBOX_SPARE: usize = 10;
 /// Number of frames of each agent that the controller's inbox holds.
 pub const REPORTS_DEPTH: usize = 16;
 
+/// Number of frames of each agent to agents of other hosts that the inbox of its host's daemon holds.
+pub const EGRESS_DEPTH: usize = 64;
+
 /// One incarnation of one module.
 pub type AgentKey = (ModuleId, Incarnation);
 

@@ -104,6 +104,14 @@ impl Hosts {
     pub fn home(&self, id: ModuleId) -> HostId {
         self.homes[id.index()]
     }
+    /// Returns the home of a module; `None` if there is no such module.
+    pub fn home_of(&self, id: ModuleId) -> Option<HostId> {
+        self.homes.get(id.index()).copied()
+    }
+    /// Returns true if the module exists and is at home on this host.
+    pub fn is_home(&self, id: ModuleId, host: HostId) -> bool {
+        self.home_of(id) == Some(host)
+    }
     /// Iterates over the modules of a host, in ascending order.
     pub fn modules(&self, host: HostId) -> impl Iterator<Item = ModuleId> {
         (0u32..).zip(&self.homes).filter(move |(_, home)| **home == host).map(|(i, _)| ModuleId(i))
@@ -124,6 +132,11 @@ impl Hosts {
     /// Iterates over the links, with the hosts of each.
     pub fn links(&self) -> impl Iterator<Item = ((HostId, HostId), &LinkModel)> {
         Hosts::pairs(self.len()).zip(&self.links)
+    }
+
+    /// Returns true if the link between two different hosts is cut at `now`.
+    pub fn is_cut(&self, a: HostId, b: HostId, now: Time) -> bool {
+        self.link(a, b).healed_at(now) != now
     }
 
     /// Cuts the link between two different hosts for a while.

@@ -1,8 +1,11 @@
-//! One probe as a process, as the tests of the process driver start it.
+//! One probe as a process, as the tests of the process driver start it; with `host` the daemon of a host of probes.
 
 use metamorph_module_agent::{AgentArgs, run};
 use metamorph_tests::probe::Probe;
+use metamorph_world_controller::console::shutdown::Shutdown;
+use metamorph_world_controller::swarm::{DaemonOptions, daemon};
 use std::error::Error;
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -19,5 +22,15 @@ fn main() -> ExitCode {
 }
 
 fn try_main() -> Result<(), Box<dyn Error>> {
+    let args: Vec<OsString> = std::env::args_os().collect();
+    if let [_, host, once, listen, socket] = &args[..]
+        && host == "host"
+        && once == "--once"
+        && listen == "--listen"
+    {
+        let agents = |_: &str| Some((std::env::current_exe().ok()?, Vec::new()));
+        let (socket, shutdown) = (socket.into(), Shutdown::new());
+        return Ok(daemon(&DaemonOptions { socket, once: true, agents, shutdown })?);
+    }
     Ok(run::<Probe>(&AgentArgs::parse(std::env::args_os().skip(1))?)?)
 }

@@ -8,6 +8,7 @@ use crate::family::{self, Family};
 use crate::run::replay;
 use crate::scenario::settings::Setting;
 use crate::scenario::{LinkKind, NEVER, Overrides, SEED, TIME_SCALE};
+use crate::swarm::HostsFile;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use metamorph_protocol::ids::ModuleId;
@@ -16,7 +17,7 @@ use std::ffi::OsString;
 use std::fmt;
 use std::fmt::Display;
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Arguments of `run`.
@@ -384,6 +385,10 @@ pub struct PlanArgs {
     /// Set a value in the scenario, for example link.loss=5% or goal.0.growth=solid (repeatable)
     #[arg(long, value_name = "KEY=VALUE", allow_hyphen_values = true)]
     pub set: Vec<String>,
+    /// Divide the swarm among several hosts: their number, for daemons that this command starts on this machine, or a
+    /// file that names running ones (see `metamorph host --help`). Default: the scenario's, or one
+    #[arg(long, value_name = "N|FILE", value_parser = hosts)]
+    pub hosts: Option<HostsArg>,
     /// Scenario seconds per real second on `ipc`; `sim` is always as fast as possible
     #[arg(long, value_name = "X", help = left_out("Scenario seconds per real second on `ipc`; `sim` is always as fast as possible", TIME_SCALE), allow_hyphen_values = true)]
     pub time_scale: Option<String>,
@@ -398,8 +403,29 @@ pub enum LinkArg {
     Sim,
 }
 
+/// The hosts, as typed.
+#[derive(Clone, Debug)]
+pub struct HostsArg {
+    count: u64,
+    /// The hosts file; `None` if daemons are to be started.
+    pub file: Option<HostsFile>,
+}
+
+fn hosts(text: &str) -> Result<HostsArg, String> {
+    if let Ok(count) = text.parse() {
+        return Ok(HostsArg { count, file: None });
+    }
+    let file = HostsFile::read(Path::new(text)).map_err(|e| e.to_string())?;
+    Ok(HostsArg { count: file.count() as u64, file: Some(file) })
+}
+
 impl From<PlanArgs> for (PathBuf, Overrides) {
     fn from(args: PlanArgs) -> (PathBuf, Overrides) {
+        let hosts = args.hosts.map(|hosts| Setting {
+            option: "--set",
+            text: format!("link.between_hosts.hosts={}", hosts.count),
+        });
+        let set = args.set.into_iter().map(|text| Setting { option: "--set", text });
         let overrides = Overrides {
             link: match args.link {
                 LinkArg::Ipc => LinkKind::Ipc,
@@ -414,7 +440,7 @@ impl From<PlanArgs> for (PathBuf, Overrides) {
             duplicate: args.dup,
             reorder: args.reorder,
             time_scale: args.time_scale,
-            settings: args.set.into_iter().map(|text| Setting { option: "--set", text }).collect(),
+            settings: set.chain(hosts).collect(),
         };
         (args.scenario, overrides)
     }

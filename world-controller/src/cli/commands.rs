@@ -5,6 +5,7 @@ use crate::cli::doctor::{DoctorArgs, doctor};
 use crate::cli::examples::*;
 use crate::cli::figures::{RenderArgs, render};
 use crate::cli::modules::modules;
+use crate::cli::host::{self, HostArgs};
 use crate::cli::new::{NewArgs, new};
 use crate::cli::reference::{CompletionArgs, ManArgs, PagesError, SchemaArgs, completions, man, schema};
 use crate::cli::runs::{self, resume, run, view};
@@ -64,6 +65,9 @@ pub enum Command {
     /// Resume a run whose controller was killed
     #[command(after_help = format!("{RESUME_EXAMPLES}\n\n{EXIT_CODES}{DAMAGED_EXIT_CODE}"))]
     Resume(ResumeArgs),
+    /// Serve as one of several hosts of a swarm: the daemon that starts and supervises its share
+    #[command(after_help = host::EXAMPLES)]
+    Host(HostArgs),
     /// Replay the journal of a run, and report the first difference
     #[command(after_help = REPLAY_EXAMPLES)]
     Replay(ReplayArgs),
@@ -139,6 +143,7 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
         Command::Sweep(args) => Ok(sweep(&args.into())?),
         Command::Diff(args) => Ok(diff(&args)?),
         Command::Resume(args) => resume(args, since, interrupt),
+        Command::Host(args) => host::host(args, interrupt),
         Command::Replay(args) => {
             let quiet = args.quiet;
             let (plan, replayed) = family::replay(&args.into())?;

@@ -38,6 +38,7 @@ Examples:
   metamorph run deploy/scenarios/swarm.toml --kill 3@2s --pause 7@1s..3s
   metamorph run deploy/scenarios/slab-to-sphere.toml --link sim --seed 7 --loss 5%
   metamorph run deploy/scenarios/swarm.toml --link sim --quiet --json - | jq .messages.by_class
+  metamorph run deploy/scenarios/swarm.toml --hosts 3
 
 Times are scenario times with a unit: 200ms, 1.5s, 2min. Probabilities are written 5%, 0.05 or 1/20.
 Modules are numbered from 0; `metamorph check SCENARIO` prints their number.
@@ -66,6 +67,7 @@ pub const CHECK_EXAMPLES: &str = "\
 Examples:
   metamorph check deploy/scenarios/swarm.toml
   metamorph check deploy/scenarios/swarm.toml --link sim --kill 3@2s
+  metamorph check deploy/scenarios/swarm.toml --hosts 3
 
 The same options as for `run` are checked together with the scenario. Nothing is run.
 

@@ -7,6 +7,7 @@ mod doctor;
 mod examples;
 mod figures;
 mod modules;
+mod host;
 mod new;
 mod new_protocol;
 mod plots;

@@ -40,6 +40,7 @@ pub fn plan(path: &Path, overrides: &Overrides) -> Result<Plan, Failure> {
 
 /// Runs a scenario.
 pub fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
+    let hosts = args.plan.hosts.as_ref().and_then(|hosts| hosts.file.clone());
     let (path, overrides) = args.plan.into();
     let plan = plan(&path, &overrides)?;
     let mut outputs = Outputs::new();
@@ -63,7 +64,7 @@ pub fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8,
         LinkKind::Sim => run_simulated(&plan, &show.interrupt, &mut live, since, keeping, log),
         LinkKind::Ipc => {
             let (patience, live) = (args.patience, &mut live);
-            let processes = Processes { live, since, keeping, patience, scribe: log };
+            let processes = Processes { live, since, keeping, patience, hosts, scribe: log };
             family::of(&plan).run_processes(&plan, processes)?
         }
     };

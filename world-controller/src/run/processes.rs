@@ -17,8 +17,8 @@ use crate::run::runnable::Runnable;
 use crate::scenario::Plan;
 use crate::scenario::family::Families;
 use crate::swarm::{
-    CleanError, Crash, FULL, Meter, NotResumable, Resumption, SwarmError, SwarmOptions, SwarmOutcome, WATCH,
-    adopt, clean, resume_swarm, run_swarm,
+    CleanError, Crash, FULL, HostsFile, HostsOptions, Meter, NotResumable, Resumption, SwarmError,
+    SwarmOptions, SwarmOutcome, WATCH, adopt, clean, resume_swarm, run_swarm,
 };
 use metamorph_module_agent::clock::Speed;
 use metamorph_module_agent::journal_file::{Head, Parts, Reader, RunId, controller_part};
@@ -32,7 +32,6 @@ use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::kernel::recording::{Log, RecordedDirector, RecordedWorld};
-use metamorph_sim_bridge::kernel::sim::Crossings;
 use metamorph_sim_bridge::kernel::state::world_hash;
 use metamorph_sim_bridge::world::World;
 use std::path::{Path, PathBuf};
@@ -110,6 +109,8 @@ pub struct Processes<'l> {
     pub keeping: Option<JournalSession>,
     /// How long agents wait for a controller to come back (real time), if a journal is written.
     pub patience: Duration,
+    /// The hosts file, if daemons run already.
+    pub hosts: Option<HostsFile>,
     /// The log of the page, if one is shown.
     pub scribe: Option<Log>,
 }
@@ -153,6 +154,7 @@ fn options<R: Runnable>(swarm: &R, plan: &Plan, parts: Option<&Parts>) -> Result
         speed: speed(plan.time_scale),
         tolerance: swarm.time_step() / TOLERATED,
         link: plan.link.clone(),
+        hosts: HostsOptions { family: swarm.family().to_owned(), ..HostsOptions::default() },
         // An interrupt during the setup ends the swarm at once.
         catch_signals: true,
         watcher: Some((program.clone(), vec![WATCH.into()])),
@@ -163,10 +165,14 @@ fn options<R: Runnable>(swarm: &R, plan: &Plan, parts: Option<&Parts>) -> Result
 
 /// Runs the plan until the run is over or a signal asks it to end.
 pub fn run<R: Runnable>(swarm: &R, plan: &Plan, processes: Processes<'_>) -> Result<Report, ProcessError> {
-    let Processes { live, since, keeping, patience, scribe } = processes;
+    let Processes { live, since, keeping, patience, hosts, scribe } = processes;
     let mut world = swarm.world(plan);
     let mut options = options(swarm, plan, keeping.as_ref().and_then(JournalSession::parts))?;
-    options.patience = if keeping.is_some() { patience } else { Duration::ZERO };
+    // Agents on several hosts end with their daemons.
+    options.patience = if keeping.is_some() && plan.link.hosts.is_none() { patience } else { Duration::ZERO };
+    if let Some(HostsFile { sockets, timing }) = hosts {
+        options.hosts = HostsOptions { sockets, timing, ..options.hosts };
+    }
     let brain = swarm.director(plan);
     let mut director =
         Watched::<R> { brain, plan, live, meter: Meter::new(&options), share: Arc::clone(&options.share) };
@@ -268,7 +274,7 @@ fn conclude<R: Runnable>(
         tally: &outcome.tally,
         body_messages: outcome.body_messages + outcome.control_messages,
         control: None,
-        crossings: Crossings::new(),
+        crossings: outcome.crossings.clone(),
         violations: &violations,
         broken: violations.len() as u64,
         // The message counts are one more check.

@@ -97,9 +97,9 @@ fn hosts(
     diagnostics: &mut Diagnostics,
 ) -> Option<Hosts> {
     let hosts = raw.hosts.as_ref()?;
-    if kind == LinkKind::Ipc {
-        let what = "a run of processes on several hosts".to_owned();
-        let instead = "simulate it with `--link sim`, or remove [link.between_hosts]";
+    if kind == LinkKind::Ipc && hosts.skew() > Span::ZERO {
+        let what = "a run of processes with clocks that differ".to_owned();
+        let instead = "simulate it with `--link sim`, or remove `skew`";
         diagnostics.add(hosts.place().clone(), ScenarioError::NotYet { what, instead });
     }
     if let Some(start_within) = draft.start_within {

@@ -6,6 +6,8 @@ use crate::swarm::outcome::SwarmError;
 use metamorph_module_agent::clock::source::ClockSource;
 use metamorph_module_agent::run_dir::counter_file::AgentCounters;
 use metamorph_module_agent::transport::{AgentKey, Transport};
+use metamorph_protocol::ids::HostId;
+use metamorph_sim_bridge::kernel::sim::Crossings;
 use rustix::process::Signal;
 use std::io;
 
@@ -34,6 +36,17 @@ pub enum Event {
     Shutdown(Urgency),
 }
 
+/// What the hosts of a swarm have counted besides its agents.
+#[derive(Clone, Debug)]
+pub struct HostsAccount {
+    /// The fates of frames at hosts and on the links between them.
+    pub counters: Vec<AgentCounters>,
+    /// The hosts that were lost, so that their counts are missing.
+    pub missing: Vec<HostId>,
+    /// What has crossed between hosts.
+    pub crossings: Crossings,
+}
+
 /// Starts, signals and reaps agents. Dropping it ends all of them.
 pub trait Launcher {
     /// Starts an incarnation of an agent, which then sends a hello to the controller.
@@ -50,6 +63,15 @@ pub trait Launcher {
     /// # Errors
     /// If the launcher itself has failed.
     fn event(&mut self) -> Result<Option<Event>, SwarmError>;
+
+    /// Waits until no frame between hosts is under way, after all agents have ended, and returns what the hosts
+    /// themselves have counted; `None` if there is one host only.
+    ///
+    /// # Errors
+    /// If the launcher itself has failed.
+    fn settle(&mut self) -> Result<Option<HostsAccount>, SwarmError> {
+        Ok(None)
+    }
 
     /// Returns the counters of an agent; `None` if it never started.
     ///

@@ -6,6 +6,7 @@
 //! director takes, and knowledge of the family.
 
 mod controller_loop;
+mod hosts;
 mod launcher;
 mod links;
 mod memory;
@@ -22,6 +23,7 @@ mod signals;
 mod supervisor;
 mod watch;
 
+pub use crate::swarm::hosts::{DaemonError, DaemonOptions, HostsFile, HostsFileError, HostsOptions, daemon};
 pub use crate::swarm::links::{descriptor_limit, descriptors_needed};
 pub use crate::swarm::memory::run_in_memory;
 pub use crate::swarm::meter::Meter;
@@ -62,8 +64,10 @@ pub struct SwarmOptions {
     pub tolerance: Span,
     /// The present speed in parts of [`FULL`]; for display.
     pub share: Arc<AtomicU32>,
-    /// The effects of links on messages.
+    /// The effects of links on messages, and the hosts.
     pub link: LinkModel,
+    /// The daemons of the other hosts, if there are several.
+    pub hosts: HostsOptions,
     /// True if agents log to this process's standard error. Otherwise the standard error of each agent is
     /// kept in a file, whose end is reported if the agent crashes.
     pub verbose: bool,
@@ -99,6 +103,7 @@ impl SwarmOptions {
             tolerance: Span::millis(100),
             share: Arc::default(),
             link: LinkModel::default(),
+            hosts: HostsOptions::default(),
             verbose: false,
             shutdown: Shutdown::new(),
             catch_signals: false,

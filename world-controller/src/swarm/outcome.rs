@@ -1,6 +1,6 @@
 //! The outcome of a swarm of processes, and the errors that keep one from running.
 
-use metamorph_module_agent::run_dir::counter_file::AgentCounters;
+use metamorph_module_agent::run_dir::counter_file::{AgentCounters, CounterFileError};
 use metamorph_module_agent::run_dir::swarm_file::SwarmFileError;
 use metamorph_module_agent::transport::TransportError;
 use metamorph_module_agent::transport::iceoryx::rendezvous::ChannelError;
@@ -8,11 +8,14 @@ use metamorph_protocol::counters::Class;
 use metamorph_protocol::counters::Tally;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::time::Time;
+use metamorph_sim_bridge::kernel::sim::Crossings;
 use std::io;
 use std::path::PathBuf;
 use std::time::Duration;
 use thiserror::Error;
 
+use super::hosts::FleetError;
+use super::launcher::HostsAccount;
 use super::pace::Slowed;
 use super::run_dir::RunDirError;
 
@@ -81,6 +84,8 @@ pub struct SwarmOutcome {
     pub interrupted: bool,
     /// Why the swarm was ended early, if shared memory ran short.
     pub shortage: Option<String>,
+    /// What crossed between hosts; empty if there is one only.
+    pub crossings: Crossings,
 }
 
 impl SwarmOutcome {
@@ -93,21 +98,34 @@ impl SwarmOutcome {
     ) {
         match counters {
             Ok(Some(counters)) => {
-                self.tally += counters.tally;
-                for class in 0..Class::ALL.len() {
-                    self.left[class] += counters.left[class];
-                    self.loose[class] += counters.loose[class];
-                }
-                self.unclosed += u64::from(!counters.closed);
-                self.foreign += counters.foreign;
-                self.wakes += counters.wakes;
-                self.unrecorded += counters.unrecorded;
+                self.add(&counters);
                 self.accounts.push((id, incarnation, counters.tally));
             }
             // Killed before it had started.
             Ok(None) => {}
             Err(e) => self.missing_counters.push(e),
         }
+    }
+
+    /// Adds what the hosts themselves have counted.
+    pub fn count_hosts(&mut self, account: HostsAccount) {
+        account.counters.iter().for_each(|counters| self.add(counters));
+        let missing =
+            account.missing.iter().map(|host| format!("{host} was lost, and its own counts with it"));
+        self.missing_counters.extend(missing);
+        self.crossings = account.crossings;
+    }
+
+    fn add(&mut self, counters: &AgentCounters) {
+        self.tally += counters.tally;
+        for class in 0..Class::ALL.len() {
+            self.left[class] += counters.left[class];
+            self.loose[class] += counters.loose[class];
+        }
+        self.unclosed += u64::from(!counters.closed);
+        self.foreign += counters.foreign;
+        self.wakes += counters.wakes;
+        self.unrecorded += counters.unrecorded;
     }
 }
 
@@ -161,6 +179,12 @@ pub enum SwarmError {
     /// The swarm file cannot be written.
     #[error(transparent)]
     SwarmFile(#[from] SwarmFileError),
+    /// A host cannot write its counts.
+    #[error(transparent)]
+    Counters(#[from] CounterFileError),
+    /// The daemons of the other hosts are not to be had.
+    #[error(transparent)]
+    Fleet(#[from] FleetError),
     /// A channel cannot be created.
     #[error(transparent)]
     Channel(#[from] ChannelError),

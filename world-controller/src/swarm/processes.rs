@@ -1,7 +1,9 @@
 //! A swarm of processes on this machine: one per agent over iceoryx2, in a run directory of its own,
 //! supervised by a second thread with tokio.
 
+use crate::console::shutdown::Shutdown;
 use crate::swarm::controller_loop::{ControllerLoop, Services};
+use crate::swarm::hosts::{Fleet, Hosts, backend};
 use crate::swarm::launcher::Backend;
 use crate::swarm::links::raise_descriptor_limit;
 use crate::swarm::outcome::{SwarmError, SwarmOutcome};
@@ -20,6 +22,7 @@ use metamorph_module_agent::run_dir::swarm_file::SwarmFile;
 use metamorph_module_agent::transport::iceoryx::rendezvous::{Rendezvous, SHARD, set_verbosity};
 use metamorph_module_agent::transport::iceoryx::{IceoryxTransport, space};
 use metamorph_protocol::agent::Agent;
+use metamorph_protocol::ids::HostId;
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
 use std::sync::Arc;
@@ -66,7 +69,9 @@ where
     // Dropped after the controller loop, which ends all processes and closes their channels.
     let mut dir = RunDir::create()?;
     watch_over(&mut dir, options)?;
-    let mut reserve = Reserve::take(dir.root(), count as u64)?;
+    let hosts = options.link.hosts.as_ref().filter(|hosts| hosts.len() > 1);
+    let here = hosts.map_or(count, |hosts| hosts.modules(HostId::CONTROLLER).count());
+    let mut reserve = Reserve::take(dir.root(), here as u64)?;
     options.root.get_or_init(|| dir.root().to_owned());
     SwarmFile {
         count: count as u32,
@@ -83,8 +88,15 @@ where
     let pace = pace(options, clock)?;
     let lease = acquire_lease(&dir, 0)?;
     reserve.release_own();
-    let (transport, launcher) = attach(options, &dir, lease.generation, count)?;
-    let services = Services::<Processes> { launcher, transport, pace, reserve, dir: Some(&dir) };
+    let fleet = hosts.map(|hosts| Fleet::muster(options, hosts, count, &dir)).transpose()?;
+    let launch = launch(options, &dir, lease.generation);
+    let (transport, launcher) = attach(launch, &options.shutdown, &dir, count, fleet.is_some())?;
+    let Some(fleet) = fleet else {
+        let services = Services::<Processes> { launcher, transport, pace, reserve, dir: Some(&dir) };
+        return ControllerLoop::new(options, services, world, director, begun).run();
+    };
+    let (transport, launcher) = backend(fleet, transport, launcher, dir.root())?;
+    let services = Services::<Hosts> { launcher, transport, pace, reserve, dir: Some(&dir) };
     ControllerLoop::new(options, services, world, director, begun).run()
 }
 
@@ -112,7 +124,8 @@ where
     let before = ControllerLease::read(dir.root()).map_err(SwarmError::Identity)?;
     let pace = pace(options, FileClock::open_writable(dir.root()).map_err(SwarmError::Clock)?)?;
     // First the channels, then the lease: an agent that finds the new controller can reach it.
-    let (transport, launcher) = attach(options, &dir, before.generation + 1, count)?;
+    let launch = launch(options, &dir, before.generation + 1);
+    let (transport, launcher) = attach(launch, &options.shutdown, &dir, count, false)?;
     acquire_lease(&dir, before.generation + 1)?;
     let reserve = Reserve::left(dir.root());
     let services = Services::<Processes> { launcher, transport, pace, reserve, dir: Some(&dir) };
@@ -139,30 +152,43 @@ fn watch_over(dir: &mut RunDir, options: &SwarmOptions) -> Result<(), SwarmError
     Ok(())
 }
 
-fn acquire_lease(dir: &RunDir, generation: u32) -> Result<ControllerLease, SwarmError> {
+/// Takes the lease of a run.
+///
+/// # Errors
+/// If this process has no identity, or the lease cannot be written.
+pub fn acquire_lease(dir: &RunDir, generation: u32) -> Result<ControllerLease, SwarmError> {
     let controller = Identity::own().map_err(SwarmError::Identity)?;
     let lease = ControllerLease { controller, generation };
     lease.acquire(dir.root()).map_err(SwarmError::Identity)?;
     Ok(lease)
 }
 
-fn attach(
-    options: &SwarmOptions,
-    dir: &RunDir,
-    generation: u32,
-    count: usize,
-) -> Result<(IceoryxTransport, Supervisor), SwarmError> {
-    let shards = (count as u32).div_ceil(SHARD);
-    let senders = count.min(SHARD as usize) + UNREAPED;
-    let at = Rendezvous::join(dir.root())?;
-    let transport = IceoryxTransport::controller(at, generation, shards, senders)?;
-    space::allocate(dir.name()).map_err(reserve::refused_own)?;
-    let launch = Launch {
+fn launch(options: &SwarmOptions, dir: &RunDir, generation: u32) -> Launch {
+    Launch {
         program: options.program.clone(),
         args: options.program_args.clone(),
         root: dir.root().to_owned(),
         generation,
         verbose: options.verbose,
-    };
-    Ok((transport, Supervisor::start(launch, options.shutdown.clone())?))
+    }
+}
+
+/// Joins a run as the controller of its agents, of which there are at most `count`. With `egress` its inbox also
+/// takes frames to agents of other hosts.
+///
+/// # Errors
+/// If a channel or a thread cannot be created.
+pub fn attach(
+    launch: Launch,
+    shutdown: &Shutdown,
+    dir: &RunDir,
+    count: usize,
+    egress: bool,
+) -> Result<(IceoryxTransport, Supervisor), SwarmError> {
+    let shards = (count as u32).div_ceil(SHARD);
+    let senders = count.min(SHARD as usize) + UNREAPED;
+    let at = Rendezvous::join(dir.root())?;
+    let transport = IceoryxTransport::controller(at, launch.generation, shards, senders, egress)?;
+    space::allocate(dir.name()).map_err(reserve::refused_own)?;
+    Ok((transport, Supervisor::start(launch, shutdown.clone())?))
 }

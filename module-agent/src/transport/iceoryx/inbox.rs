@@ -33,7 +33,8 @@ impl Inbox {
         Inbox::over(vec![at.create_inbox(id, incarnation, ports)?], at.create_bell(id, incarnation, ports)?)
     }
 
-    /// Creates the inbox of the controller of this generation: `shards` channels of `senders` agents each.
+    /// Creates the inbox of the controller of this generation: `shards` channels of `senders` agents each; with
+    /// `egress` as many again for frames to agents of other hosts.
     ///
     /// # Errors
     /// If a channel cannot be created.
@@ -42,10 +43,13 @@ impl Inbox {
         generation: u32,
         shards: u32,
         senders: usize,
+        egress: bool,
     ) -> Result<Inbox, ChannelError> {
-        let frames: Result<Vec<_>, _> =
-            (0..shards).map(|s| at.create_reports(s, generation, senders)).collect();
-        Inbox::over(frames?, at.create_controller_bell(generation, senders * shards as usize)?)
+        let reports = (0..shards).map(|s| at.create_reports(s, generation, senders));
+        let egress = (0..if egress { shards } else { 0 }).map(|s| at.create_egress(s, generation, senders));
+        let frames = reports.chain(egress).collect::<Result<Vec<_>, _>>()?;
+        let ringers = senders * frames.len();
+        Inbox::over(frames, at.create_controller_bell(generation, ringers)?)
     }
 
     fn over(frames: Vec<Frames>, bell: Wakes) -> Result<Inbox, ChannelError> {

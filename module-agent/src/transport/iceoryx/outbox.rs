@@ -39,6 +39,14 @@ impl Outbox {
         Outbox::over(at.open_reports(id, generation)?, at.open_controller_bell(generation)?)
     }
 
+    /// Opens the sending end from agent `id` to the agents of other hosts, by way of this host's daemon or controller.
+    ///
+    /// # Errors
+    /// If the channel is absent or cannot be used, or too little memory is free.
+    pub fn to_other_hosts(at: &Rendezvous, id: ModuleId, generation: u32) -> Result<Outbox, ChannelError> {
+        Outbox::over(at.open_egress(id, generation)?, at.open_controller_bell(generation)?)
+    }
+
     fn over(frames: Frames, bell: Wakes) -> Result<Outbox, ChannelError> {
         space::require(ATTACHING)?;
         let publisher = rendezvous::publish(&frames)?;

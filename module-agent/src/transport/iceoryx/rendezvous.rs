@@ -9,7 +9,7 @@ use crate::run_dir::run_name::{RunName, RunNameError};
 use crate::transport::iceoryx::service::Svc;
 use crate::transport::iceoryx::space;
 use crate::transport::shared_frame::SharedFrame;
-use crate::transport::{INBOX_DEPTH, INBOX_SPARE, REPORTS_DEPTH, SpaceShortage};
+use crate::transport::{EGRESS_DEPTH, INBOX_DEPTH, INBOX_SPARE, REPORTS_DEPTH, SpaceShortage};
 use iceoryx2::port::backpressure_strategy::BackpressureStrategy;
 use iceoryx2::port::{listener, notifier, publisher, subscriber};
 use iceoryx2::prelude::{
@@ -218,6 +218,20 @@ impl Rendezvous {
     pub fn open_reports(&self, id: ModuleId, generation: u32) -> Result<Frames, ChannelError> {
         self.open_frames(&reports(id.0 / SHARD, generation))
     }
+    /// Creates the channel of one shard of agents to the agents of other hosts, for `senders` agents at a time.
+    ///
+    /// # Errors
+    /// If memory is short, or the channel cannot be created.
+    pub fn create_egress(&self, shard: u32, generation: u32, senders: usize) -> Result<Frames, ChannelError> {
+        self.create_frames(&egress(shard, generation), senders, EGRESS_DEPTH)
+    }
+    /// Opens the channel from agent `id` to the agents of other hosts.
+    ///
+    /// # Errors
+    /// If the channel is absent or cannot be opened.
+    pub fn open_egress(&self, id: ModuleId, generation: u32) -> Result<Frames, ChannelError> {
+        self.open_frames(&egress(id.0 / SHARD, generation))
+    }
     /// Creates the wake-up channel of the controller of this generation, for `senders` agents at a time.
     ///
     /// # Errors
@@ -332,6 +346,9 @@ fn bell(id: ModuleId, incarnation: Incarnation) -> String {
 }
 fn reports(shard: u32, generation: u32) -> String {
     format!("reports/{shard}/{generation}")
+}
+fn egress(shard: u32, generation: u32) -> String {
+    format!("egress/{shard}/{generation}")
 }
 
 fn service_name(name: &str) -> ServiceName {

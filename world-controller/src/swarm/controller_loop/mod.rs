@@ -136,6 +136,9 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
             self.tick()?;
         }
         self.stop()?;
+        if let Some(account) = self.launcher.settle()? {
+            self.outcome.count_hosts(account);
+        }
         self.read_counters();
         Ok(self.outcome)
     }

@@ -1,0 +1,435 @@
+//! The backend of a swarm on several hosts, as the controller loop sees it: agents of this host are reached as on one
+//! host, and those of others over the links to their hosts. A host that is lost ends all its agents in one instant.
+
+use super::daemon::OWN_COUNTERS;
+use super::fleet::Fleet;
+use super::messages::{Sent, ToController, ToDaemon};
+use super::node::Node;
+use crate::swarm::launcher::{Backend, Event, HostsAccount, Launcher};
+use crate::swarm::outcome::SwarmError;
+use crate::swarm::run_dir::RunDir;
+use crate::swarm::supervisor::Supervisor;
+use metamorph_module_agent::clock::source::FileClock;
+use metamorph_module_agent::run_dir::counter_file::{AgentCounters, CounterFile};
+use metamorph_module_agent::run_dir::run_name::RunName;
+use metamorph_module_agent::transport::iceoryx::{IceoryxLink, IceoryxTransport};
+use metamorph_module_agent::transport::shared_frame::SharedFrame;
+use metamorph_module_agent::transport::{
+    Address, AgentKey, ConnectError, Link, SendStatus, Transport, TransportError,
+};
+use metamorph_protocol::counters::Tally;
+use metamorph_protocol::host_link::State;
+use metamorph_protocol::ids::HostId;
+use metamorph_sim_bridge::kernel::sim::Crossings;
+use rustix::process::Signal;
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::io;
+use std::rc::Rc;
+use std::time::{Duration, Instant};
+
+/// Number of frames to one agent elsewhere that its host has not put into its inbox yet.
+const UNTAKEN: u32 = 64;
+/// Number of frames from agents elsewhere that may wait here.
+const HEARD: usize = 4_096;
+/// The longest wait for the accounts of the other hosts at the end.
+const SETTLING: Duration = Duration::from_secs(10);
+/// The longest wait before the links get a turn at the end.
+const TURN: Duration = Duration::from_millis(5);
+
+/// The backend.
+pub enum Hosts {}
+
+impl Backend for Hosts {
+    type Transport = HostsTransport;
+    type Launcher = HostsLauncher;
+    type Clock = FileClock;
+}
+
+/// What transport, links and launcher share.
+#[derive(Debug)]
+struct Shared {
+    node: Node<IceoryxLink>,
+    fleet: Fleet,
+    frames: VecDeque<SharedFrame>,
+    events: VecDeque<Event>,
+    /// The agents of other hosts that run, with the number of frames that they have not taken.
+    away: BTreeMap<AgentKey, u32>,
+    counters: BTreeMap<AgentKey, Result<Option<AgentCounters>, String>>,
+    drained: BTreeSet<HostId>,
+    accounts: BTreeMap<HostId, (AgentCounters, BTreeMap<HostId, Tally>)>,
+    lost: BTreeSet<HostId>,
+    /// The run directories of killed daemons, removed with the run.
+    inherited: BTreeMap<HostId, RunDir>,
+    /// Messages with agents of each other host: from it, and to it.
+    bodies: BTreeMap<HostId, (u64, u64)>,
+}
+
+impl Shared {
+    fn home(&self, agent: AgentKey) -> HostId {
+        self.node.home(agent.0)
+    }
+
+    fn turn(&mut self, transport: &mut IceoryxTransport) {
+        if self.frames.len() >= HEARD {
+            return;
+        }
+        self.node.turn(transport);
+        self.node.residents.flush();
+        while let Some((host, state)) = self.node.next_change() {
+            match state {
+                State::Silent => {
+                    tracing::warn!("{host} is silent");
+                    self.inherit(host);
+                }
+                State::Fenced => self.lose(host, "the host was silent for too long"),
+                State::Closed => self.lose(host, "its daemon was asked to end"),
+                state => tracing::info!("the link to {host} is {state:?}"),
+            }
+        }
+        for host in self.fleet.roots.keys().copied().collect::<Vec<_>>() {
+            loop {
+                match self.node.hear(host) {
+                    Ok(Some(message)) => self.take(host, message),
+                    Ok(None) => break,
+                    Err(e) => {
+                        self.lose(host, &format!("what it says cannot be read: {e}"));
+                        break;
+                    }
+                }
+            }
+        }
+    }
+
+    fn take(&mut self, host: HostId, message: ToController) {
+        let is_theirs = |agent: &AgentKey| self.node.home(agent.0) == host;
+        match message {
+            ToController::Frame(sent) => {
+                if let Some(shared) = sent.shared(self.node.healed(host)) {
+                    self.bodies.entry(host).or_default().0 += 1;
+                    self.frames.push_back(shared);
+                }
+            }
+            ToController::Taken(agent, count) => {
+                if let Some(untaken) = self.away.get_mut(&agent) {
+                    *untaken = untaken.saturating_sub(count);
+                }
+            }
+            ToController::SpawnFailed(agent, why) if is_theirs(&agent) => {
+                self.away.remove(&agent);
+                self.events.push_back(Event::SpawnFailed(agent, io::Error::other(why)));
+            }
+            ToController::Exited { agent, how, signal, stderr_tail, counters } if is_theirs(&agent) => {
+                self.away.remove(&agent);
+                self.counters.insert(agent, counters.map(|c| c.map(|c| AgentCounters::from(*c))));
+                self.events.push_back(Event::Exited { agent, how, signal, stderr_tail });
+            }
+            ToController::Stopped(agent, signal) if is_theirs(&agent) => {
+                self.events.push_back(Event::Stopped(agent, signal));
+            }
+            ToController::Continued(agent) if is_theirs(&agent) => {
+                self.events.push_back(Event::Continued(agent));
+            }
+            ToController::Drained => {
+                self.drained.insert(host);
+            }
+            ToController::Account(account, crossed) => {
+                self.accounts.insert(host, ((*account).into(), crossed));
+            }
+            _ => tracing::warn!("{host} speaks of modules of another host"),
+        }
+    }
+
+    /// Takes over the run directory of a host whose daemon is dead, so that its counters can be read and are removed in
+    /// the end. A daemon that lives removes it itself.
+    fn inherit(&mut self, host: HostId) {
+        let Some(name) = self.fleet.roots.get(&host).and_then(|root| RunName::of_root(root).ok()) else {
+            return;
+        };
+        match RunDir::adopt(name) {
+            Ok(dir) => drop(self.inherited.insert(host, dir)),
+            Err(e) => tracing::debug!("the directory of {host} is not taken over: {e}"),
+        }
+    }
+
+    /// Reads counters of a host that is lost.
+    fn left_counters(
+        &self,
+        host: HostId,
+        (id, incarnation): AgentKey,
+    ) -> Result<Option<AgentCounters>, String> {
+        let root = self.fleet.roots.get(&host).filter(|root| root.is_dir());
+        let root = root.ok_or_else(|| format!("{host} was lost, and its directory is gone"))?;
+        CounterFile::read(root, id, incarnation).map_err(|e| e.to_string())
+    }
+
+    /// Ends all agents of a host that is gone for good. Their counters outlive them on this machine.
+    fn lose(&mut self, host: HostId, why: &str) {
+        if !self.lost.insert(host) {
+            return;
+        }
+        tracing::error!("{host} is lost");
+        if !self.inherited.contains_key(&host) {
+            self.inherit(host);
+        }
+        if let Ok(Some(counters)) = self.left_counters(host, OWN_COUNTERS) {
+            self.accounts.insert(host, (counters, BTreeMap::new()));
+        }
+        let gone: Vec<AgentKey> = self.away.keys().copied().filter(|a| self.home(*a) == host).collect();
+        for agent in gone {
+            self.away.remove(&agent);
+            self.counters.insert(agent, self.left_counters(host, agent));
+            let (how, signal) = (format!("was lost with {host}: {why}"), Some(Signal::KILL.as_raw()));
+            self.events.push_back(Event::Exited { agent, how, signal, stderr_tail: String::new() });
+        }
+    }
+
+    /// Returns what has crossed between hosts, as far as they have reported it.
+    fn crossings(&self) -> Crossings {
+        let mut crossings = Crossings::new();
+        let own = (&HostId::CONTROLLER, self.node.crossed());
+        let others = self.accounts.iter().map(|(host, (_, crossed))| (host, crossed.clone()));
+        for (from, crossed) in others.chain([own]) {
+            for (to, messages) in crossed {
+                crossings.entry((*from, to)).or_default().messages = messages;
+            }
+        }
+        for (host, (from, to)) in &self.bodies {
+            crossings.entry((*host, HostId::CONTROLLER)).or_default().body_messages = *from;
+            crossings.entry((HostId::CONTROLLER, *host)).or_default().body_messages = *to;
+        }
+        crossings
+    }
+
+    /// The other hosts that are not lost.
+    fn present(&self) -> Vec<HostId> {
+        self.fleet.roots.keys().copied().filter(|host| !self.lost.contains(host)).collect()
+    }
+}
+
+type SharedRef = Rc<RefCell<Shared>>;
+
+/// Connects the controller to agents of all hosts.
+///
+/// # Errors
+/// If a connection cannot be set up.
+pub fn backend(
+    mut fleet: Fleet,
+    transport: IceoryxTransport,
+    supervisor: Supervisor,
+    root: &std::path::Path,
+) -> Result<(HostsTransport, HostsLauncher), SwarmError> {
+    let mut node = Node::new(&fleet.own, root).map_err(SwarmError::Clock)?;
+    for (host, stream) in std::mem::take(&mut fleet.streams) {
+        node.attach(host, stream).map_err(SwarmError::Supervisor)?;
+    }
+    let shared = Rc::new(RefCell::new(Shared {
+        node,
+        fleet,
+        frames: VecDeque::new(),
+        events: VecDeque::new(),
+        away: BTreeMap::new(),
+        counters: BTreeMap::new(),
+        drained: BTreeSet::new(),
+        accounts: BTreeMap::new(),
+        lost: BTreeSet::new(),
+        inherited: BTreeMap::new(),
+        bodies: BTreeMap::new(),
+    }));
+    let local = Rc::new(RefCell::new(transport));
+    let launcher =
+        HostsLauncher { local: supervisor, shared: Rc::clone(&shared), transport: Rc::clone(&local) };
+    Ok((HostsTransport { local, shared }, launcher))
+}
+
+/// The inbox of the controller, for frames of agents of all hosts.
+#[derive(Debug)]
+pub struct HostsTransport {
+    shared: SharedRef,
+    local: Rc<RefCell<IceoryxTransport>>,
+}
+
+/// The sending end to an agent.
+#[derive(Debug)]
+pub enum HostsLink {
+    /// Of this host.
+    Here(IceoryxLink),
+    /// Of another.
+    Away(AgentKey, SharedLink),
+}
+
+/// The way to the agents of other hosts.
+#[derive(Debug)]
+pub struct SharedLink(SharedRef);
+
+impl Link for HostsLink {
+    fn send(&mut self, frame: SharedFrame) -> SendStatus {
+        let (agent, shared) = match self {
+            HostsLink::Here(link) => return link.send(frame),
+            HostsLink::Away(agent, SharedLink(shared)) => (*agent, &mut *shared.borrow_mut()),
+        };
+        let home = shared.home(agent);
+        match shared.away.get_mut(&agent) {
+            None => return SendStatus::Gone,
+            Some(untaken) if *untaken >= UNTAKEN => return SendStatus::Full,
+            Some(untaken) => *untaken += 1,
+        }
+        shared.bodies.entry(home).or_default().1 += 1;
+        shared.node.tell(home, &ToDaemon::Frame(agent, Sent::new(&frame)));
+        SendStatus::Sent
+    }
+
+    /// The transport carries what waits before it waits itself.
+    fn flush(&mut self) {
+        if let HostsLink::Here(link) = self {
+            link.flush();
+        }
+    }
+}
+
+impl Transport for HostsTransport {
+    type Link = HostsLink;
+
+    fn connect(&mut self, to: Address) -> Result<HostsLink, ConnectError> {
+        if let Address::Agent(agent) = to {
+            let shared = self.shared.borrow();
+            if shared.home(agent) != HostId::CONTROLLER {
+                return Ok(HostsLink::Away(agent, SharedLink(Rc::clone(&self.shared))));
+            }
+        }
+        self.local.borrow_mut().connect(to).map(HostsLink::Here)
+    }
+
+    fn receive(&mut self) -> Result<Option<SharedFrame>, TransportError> {
+        let (mut shared, mut local) = (self.shared.borrow_mut(), self.local.borrow_mut());
+        if let Some(frame) = shared.frames.pop_front() {
+            return Ok(Some(frame));
+        }
+        while let Some(frame) = local.receive()? {
+            if !shared.node.forward(&frame) {
+                return Ok(Some(frame));
+            }
+        }
+        shared.turn(&mut local);
+        Ok(shared.frames.pop_front())
+    }
+
+    fn wait(&mut self, timeout: Duration) -> Result<(), TransportError> {
+        let (mut shared, mut local) = (self.shared.borrow_mut(), self.local.borrow_mut());
+        shared.turn(&mut local);
+        if !shared.frames.is_empty() || !shared.events.is_empty() {
+            return Ok(());
+        }
+        let timeout = timeout.min(shared.node.wait());
+        if timeout.is_zero() { Ok(()) } else { local.wait(timeout) }
+    }
+}
+
+/// Starts agents on all hosts.
+#[derive(Debug)]
+pub struct HostsLauncher {
+    local: Supervisor,
+    shared: SharedRef,
+    transport: Rc<RefCell<IceoryxTransport>>,
+}
+
+impl Launcher for HostsLauncher {
+    fn start(&mut self, agent: AgentKey) {
+        let mut shared = self.shared.borrow_mut();
+        let home = shared.home(agent);
+        if home == HostId::CONTROLLER {
+            shared.node.residents.arrive(agent);
+            return self.local.start(agent);
+        }
+        if shared.lost.contains(&home) {
+            let why = io::Error::other(format!("its host {home} is lost"));
+            return shared.events.push_back(Event::SpawnFailed(agent, why));
+        }
+        shared.away.insert(agent, 0);
+        shared.node.tell(home, &ToDaemon::Start(agent));
+    }
+
+    fn signal(&mut self, agent: AgentKey, signal: Signal) {
+        let mut shared = self.shared.borrow_mut();
+        match shared.home(agent) {
+            HostId::CONTROLLER => self.local.signal(agent, signal),
+            home => shared.node.tell(home, &ToDaemon::Signal(agent, signal.as_raw())),
+        }
+    }
+
+    fn reap(&mut self, agent: AgentKey) {
+        let mut shared = self.shared.borrow_mut();
+        match shared.home(agent) {
+            HostId::CONTROLLER => self.local.reap(agent),
+            home => shared.node.tell(home, &ToDaemon::Reap(agent)),
+        }
+    }
+
+    fn event(&mut self) -> Result<Option<Event>, SwarmError> {
+        let event = self.local.event()?;
+        let mut shared = self.shared.borrow_mut();
+        if let Some(Event::Exited { agent, .. } | Event::SpawnFailed(agent, _)) = &event {
+            shared.node.residents.leave(*agent);
+        }
+        Ok(event.or_else(|| shared.events.pop_front()))
+    }
+
+    fn counters(&self, agent: AgentKey) -> Result<Option<AgentCounters>, String> {
+        let shared = self.shared.borrow();
+        match shared.home(agent) {
+            HostId::CONTROLLER => self.local.counters(agent),
+            _ => shared.counters.get(&agent).cloned().unwrap_or(Ok(None)),
+        }
+    }
+
+    fn settle(&mut self) -> Result<Option<HostsAccount>, SwarmError> {
+        self.wait_for(&ToDaemon::Drain, |shared, host| shared.drained.contains(&host))?;
+        self.wait_for(&ToDaemon::Account, |shared, host| shared.accounts.contains_key(&host))?;
+        let shared = self.shared.borrow();
+        let mut counters: Vec<AgentCounters> =
+            shared.accounts.values().map(|(counters, _)| *counters).collect();
+        counters.push(shared.node.account());
+        let missing = shared.fleet.roots.keys().filter(|host| !shared.accounts.contains_key(host));
+        Ok(Some(HostsAccount {
+            counters,
+            missing: missing.copied().collect(),
+            crossings: shared.crossings(),
+        }))
+    }
+}
+
+impl HostsLauncher {
+    /// Asks all other hosts for something, and waits until each has done it or is lost.
+    fn wait_for(
+        &mut self,
+        request: &ToDaemon,
+        is_done: fn(&Shared, HostId) -> bool,
+    ) -> Result<(), SwarmError> {
+        let asked = self.shared.borrow().present();
+        for host in &asked {
+            self.shared.borrow_mut().node.tell(*host, request);
+        }
+        let begun = Instant::now();
+        loop {
+            let (mut shared, mut local) = (self.shared.borrow_mut(), self.transport.borrow_mut());
+            while let Some(frame) = local.receive()? {
+                shared.node.forward(&frame);
+            }
+            shared.turn(&mut local);
+            shared.frames.clear();
+            let is_done = |host: &HostId| shared.lost.contains(host) || is_done(&shared, *host);
+            if (asked.iter().all(is_done) && shared.node.is_drained()) || begun.elapsed() > SETTLING {
+                return Ok(());
+            }
+            local.wait(TURN)?;
+        }
+    }
+}
+
+impl Drop for HostsLauncher {
+    fn drop(&mut self) {
+        let (mut shared, mut local) = (self.shared.borrow_mut(), self.transport.borrow_mut());
+        shared.turn(&mut local);
+        shared.node.close();
+    }
+}

@@ -1,0 +1,417 @@
+//! One host's end of all its links: packets between carriers and host links, frames between the inboxes of this host
+//! and other hosts, the bytes of streams, and this host's own counts. Used by daemons and by the controller.
+
+use super::carrier::{Carrier, CarrierEvent, INCOMING, UnixCarrier};
+use super::messages::{self, Assignment};
+use super::residents::Residents;
+use metamorph_module_agent::clock::monotonic;
+use metamorph_module_agent::clock::source::{ClockSource, FileClock};
+use metamorph_module_agent::run_dir::counter_file::AgentCounters;
+use metamorph_module_agent::transport::shared_frame::SharedFrame;
+use metamorph_module_agent::transport::{Link, SendStatus, Transport};
+use metamorph_protocol::counters::{Class, Counts, Tally};
+use metamorph_protocol::host_link::packet::{Life, Proof, Run, Terms};
+use metamorph_protocol::host_link::{
+    Channel as Stream, Config, FRAME_WINDOW, HostLink, Offered, Output, Prover, Role, State, Timing,
+};
+use metamorph_protocol::ids::{HostId, ModuleId};
+use metamorph_protocol::link::Hosts;
+use metamorph_protocol::time::{Span, Time};
+use metamorph_protocol::wire::{Channel, Frame};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use siphasher::sip128::{Hasher128, SipHasher24};
+use std::collections::{BTreeMap, VecDeque};
+use std::hash::Hasher;
+use std::io;
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::Duration;
+
+/// The version of the conversation between hosts.
+const PROGRAM: u32 = 1;
+/// Number of packets taken in one turn.
+const PACKETS: usize = 256;
+/// Bytes of a stream that may wait for its window before the owner should say no more.
+const BACKLOG: usize = 1 << 20;
+
+/// The secret of a run. Unix sockets in a private directory are what protects it.
+#[derive(Clone, Debug)]
+pub struct Secret(pub [u64; 2]);
+
+impl Prover for Secret {
+    fn prove(&self, run: Run, from: (HostId, Life), to: (HostId, Life), number: u64) -> Proof {
+        let mut proof = [0; 32];
+        for (part, half) in proof.chunks_exact_mut(16).zip(0u8..) {
+            let mut hasher = SipHasher24::new_with_keys(self.0[0], self.0[1]);
+            hasher.write_u8(half);
+            for value in [run.0, from.0.0.into(), from.1.0, to.0.0.into(), to.1.0, number] {
+                hasher.write(&value.to_le_bytes());
+            }
+            part.copy_from_slice(&hasher.finish128().as_bytes());
+        }
+        proof
+    }
+}
+
+/// The link to another host.
+#[derive(Debug)]
+struct Peer {
+    link: HostLink<Secret>,
+    /// The open connection and its number.
+    carrier: Option<(u64, Box<dyn Carrier>)>,
+    /// Bytes for the stream beyond its window.
+    outgoing: Vec<u8>,
+    incoming: Vec<u8>,
+    /// The scenario time at which the link was last silent.
+    healed: Time,
+}
+
+/// One host's end of all its links.
+#[derive(Debug)]
+pub struct Node<L> {
+    host: HostId,
+    hosts: Arc<Hosts>,
+    root: PathBuf,
+    clock: FileClock,
+    peers: BTreeMap<HostId, Peer>,
+    carriers: (SyncSender<CarrierEvent>, Receiver<CarrierEvent>),
+    opened: u64,
+    changes: VecDeque<(HostId, State)>,
+    /// The agents of this host.
+    pub residents: Residents<L>,
+    /// What this host itself has done with frames, besides its links.
+    tally: Tally,
+    foreign: u64,
+    crossed: BTreeMap<HostId, Tally>,
+}
+
+/// Returns the hash of this program's build, as far as its version and size tell it.
+pub fn build() -> u64 {
+    let size = std::fs::metadata("/proc/self/exe").map_or(0, |exe| exe.len());
+    digest(&[env!("CARGO_PKG_VERSION").as_bytes(), &size.to_le_bytes()].concat())
+}
+
+fn digest(bytes: &[u8]) -> u64 {
+    let mut hasher = SipHasher24::new();
+    hasher.write(bytes);
+    hasher.finish128().h1
+}
+
+/// Returns 64 random bits.
+pub fn random() -> io::Result<u64> {
+    let mut bytes = [0; 8];
+    rustix::rand::getrandom(&mut bytes[..], rustix::rand::GetRandomFlags::empty())?;
+    Ok(u64::from_le_bytes(bytes))
+}
+
+impl<L: Link> Node<L> {
+    /// Creates a host without connections whose run directory is `root`.
+    ///
+    /// # Errors
+    /// If there is no clock page, or no randomness.
+    pub fn new(assignment: &Assignment, root: &Path) -> io::Result<Node<L>> {
+        let Assignment { host, hosts, .. } = assignment;
+        let life = Life(random()?.max(1));
+        let others = (0..hosts.len() as u16).map(HostId).filter(|peer| peer != host);
+        let peers = others.map(|peer| (peer, Peer::new(assignment, peer, life))).collect();
+        Ok(Node {
+            host: *host,
+            hosts: Arc::clone(hosts),
+            root: root.to_owned(),
+            clock: FileClock::open(root)?,
+            peers,
+            carriers: sync_channel(INCOMING),
+            opened: 0,
+            changes: VecDeque::new(),
+            residents: Residents::new(),
+            tally: Tally::default(),
+            foreign: 0,
+            crossed: BTreeMap::new(),
+        })
+    }
+
+    /// Takes a connection to another host into use, in place of the one before.
+    ///
+    /// # Errors
+    /// If the socket cannot be set up.
+    pub fn attach(&mut self, to: HostId, stream: UnixStream) -> io::Result<()> {
+        self.opened += 1;
+        let carrier = UnixCarrier::start(stream, to, self.opened, self.carriers.0.clone(), &self.root)?;
+        if let Some(peer) = self.peers.get_mut(&to) {
+            let now = Time(monotonic());
+            if peer.carrier.replace((self.opened, Box::new(carrier))).is_some() {
+                peer.link.carrier_down(now);
+            }
+            peer.link.carrier_up(now);
+        }
+        Ok(())
+    }
+
+    /// Iterates over the hosts of higher number without a connection: this one opens it.
+    pub fn to_dial(&self) -> impl Iterator<Item = HostId> {
+        let open = |peer: &Peer| peer.carrier.is_some() || peer.link.state() == State::Closed;
+        self.peers.iter().filter(move |(id, peer)| **id > self.host && !open(peer)).map(|(id, _)| *id)
+    }
+
+    /// Returns the home of a module; a number that no module has belongs to the controller's host.
+    pub fn home(&self, id: ModuleId) -> HostId {
+        self.hosts.home_of(id).unwrap_or(HostId::CONTROLLER)
+    }
+
+    /// Returns true if this host's daemon must not act any longer: the controller may count it as dead, or has left before
+    /// the link was up.
+    pub fn has_to_stop(&self) -> bool {
+        self.peers.get(&HostId::CONTROLLER).is_some_and(|peer| match peer.link.acts_until() {
+            Some(end) => Time(monotonic()) >= end,
+            None => peer.carrier.is_none(),
+        })
+    }
+
+    /// Returns the scenario time before which nothing arrived in time because the link was silent: that is no lateness of
+    /// agents.
+    pub fn healed(&self, of: HostId) -> Time {
+        self.peers.get(&of).map_or(Time::ZERO, |peer| peer.healed)
+    }
+
+    /// Sends a message to another host on the stream.
+    pub fn tell<M: Serialize>(&mut self, to: HostId, message: &M) {
+        if let Some(peer) = self.peers.get_mut(&to) {
+            messages::push(&mut peer.outgoing, message);
+        }
+    }
+
+    /// True if so much waits for the stream that no more should be said for now.
+    pub fn is_behind(&self, to: HostId) -> bool {
+        self.peers.get(&to).is_some_and(|peer| peer.outgoing.len() > BACKLOG)
+    }
+
+    /// Returns the next message from another host.
+    ///
+    /// # Errors
+    /// If its bytes hold no message.
+    pub fn hear<M: DeserializeOwned>(&mut self, from: HostId) -> io::Result<Option<M>> {
+        self.peers.get_mut(&from).map_or(Ok(None), |peer| messages::pop(&mut peer.incoming))
+    }
+
+    /// Returns the next change of a link's state.
+    pub fn next_change(&mut self) -> Option<(HostId, State)> {
+        self.changes.pop_front()
+    }
+
+    /// Forwards a frame of an agent of this host to the host of its receiver. Returns false if it is not for another
+    /// host: then it is for the controller of this one.
+    pub fn forward(&mut self, shared: &SharedFrame) -> bool {
+        let frame = shared.frame();
+        let Ok(header) = frame.open() else {
+            let damaged = shared.damaged_class();
+            if let Some(class) = damaged {
+                // A link between hosts refuses damaged frames.
+                self.tally[class].refused += 1;
+            }
+            return damaged.is_some();
+        };
+        if header.channel != Channel::Peer {
+            return false;
+        }
+        let of_ours = |id| self.hosts.is_home(id, self.host);
+        let home = self.hosts.home_of(header.destination).filter(|_| of_ours(header.source));
+        let Some((home, peer)) = home.and_then(|home| Some((home, self.peers.get_mut(&home)?))) else {
+            self.foreign += 1;
+            return true;
+        };
+        let counts = &mut self.crossed.entry(home).or_default()[header.class];
+        counts.sent += 1;
+        counts.bytes += frame.wire_len() as u64;
+        // The link counts what becomes of it.
+        let (Offered::Queued | Offered::Overflowed | Offered::Lost | Offered::Expired) =
+            peer.link.offer(Time(monotonic()), &frame);
+        true
+    }
+
+    /// Carries packets, frames and bytes that wait, in both directions.
+    pub fn turn<T: Transport<Link = L>>(&mut self, transport: &mut T) {
+        let now = Time(monotonic());
+        let cut = self.cut_off();
+        for _ in 0..PACKETS {
+            let Ok(event) = self.carriers.1.try_recv() else { break };
+            self.take(now, event, &cut);
+        }
+        let mut frames = Vec::new();
+        let time = self.clock.read_page().map_or(Time::ZERO, |page| page.at(now.0));
+        for (id, peer) in &mut self.peers {
+            if peer.link.state() == State::Silent {
+                peer.healed = time;
+            }
+            peer.carry(now, cut.contains(id), |output| match output {
+                Output::Frame(frame) => frames.push((*id, frame)),
+                Output::Changed(state) => self.changes.push_back((*id, state)),
+                _ => {}
+            });
+        }
+        frames.iter().for_each(|(from, frame)| self.deliver(transport, *from, frame, time));
+    }
+
+    /// Returns the hosts to which the scenario cuts the link at present.
+    fn cut_off(&self) -> Vec<HostId> {
+        if self.peers.keys().all(|peer| self.hosts.link(self.host, *peer).partitions.is_empty()) {
+            return Vec::new();
+        }
+        let (Ok(page), now) = (self.clock.read_page(), monotonic()) else { return Vec::new() };
+        if page.speed_at(now).is_none() {
+            // Scenario time stands still, as at the end of a run.
+            return Vec::new();
+        }
+        let time = page.at(now);
+        self.peers.keys().copied().filter(|peer| self.hosts.is_cut(self.host, *peer, time)).collect()
+    }
+
+    fn take(&mut self, now: Time, event: CarrierEvent, cut: &[HostId]) {
+        let (CarrierEvent::Packet { from, number, .. } | CarrierEvent::Down { from, number }) = event;
+        let is_current = |peer: &&mut Peer| peer.carrier.as_ref().is_some_and(|(n, _)| *n == number);
+        let Some(peer) = self.peers.get_mut(&from).filter(is_current) else { return };
+        match event {
+            CarrierEvent::Packet { .. } if cut.contains(&from) => {}
+            CarrierEvent::Packet { packet, .. } => {
+                if let Err(refused) = peer.link.receive(now, &packet) {
+                    tracing::warn!("a packet from {from} is refused: {refused}");
+                }
+            }
+            CarrierEvent::Down { .. } => {
+                peer.carrier = None;
+                peer.link.carrier_down(now);
+            }
+        }
+    }
+
+    /// Puts a frame from another host into the inbox of an agent of this one. A host is believed only about its own
+    /// modules.
+    fn deliver<T: Transport<Link = L>>(
+        &mut self,
+        transport: &mut T,
+        from: HostId,
+        frame: &Frame,
+        time: Time,
+    ) {
+        let header = frame.open().ok().filter(|header| header.channel == Channel::Peer);
+        let Some(header) = header.filter(|header| self.hosts.is_home(header.source, from)) else {
+            self.foreign += 1;
+            return;
+        };
+        let counts = &mut self.tally[header.class];
+        match self.residents.deliver(transport, header.destination, SharedFrame::new(frame, time)) {
+            SendStatus::Sent => {}
+            SendStatus::Full => counts.overflowed += 1,
+            SendStatus::Gone => counts.expired += 1,
+        }
+    }
+
+    /// Returns how long the owner may wait before the next turn.
+    pub fn wait(&self) -> Duration {
+        let at = self.peers.values().map(|peer| peer.link.wake_at().0).min().unwrap_or(u64::MAX);
+        Duration::from_nanos(at.saturating_sub(monotonic()))
+    }
+
+    /// Returns true if no frame to another host is under way.
+    pub fn is_drained(&self) -> bool {
+        self.peers.values().all(|peer| peer.link.open_frames() == 0 || peer.link.state() != State::Up)
+    }
+
+    /// Returns what this host and its links have counted.
+    pub fn account(&self) -> AgentCounters {
+        let mut counters = AgentCounters {
+            tally: self.tally,
+            foreign: self.foreign,
+            closed: true,
+            ..AgentCounters::default()
+        };
+        for counts in self.peers.values().map(|peer| peer.link.counts()) {
+            for class in Class::ALL {
+                let (i, tally) = (class.index(), &mut counters.tally[class]);
+                tally.lost += counts.lost[i];
+                tally.overflowed += counts.overflowed[i];
+                tally.expired += counts.expired[i];
+                // Under way to a host that is gone: perhaps taken.
+                counters.loose[i] += counts.unaccounted[i] + counts.open[i];
+            }
+        }
+        counters
+    }
+
+    /// Returns the protocol messages that went to each other host.
+    pub fn crossed(&self) -> BTreeMap<HostId, Tally> {
+        let mut crossed = self.crossed.clone();
+        for (id, peer) in &self.peers {
+            let (Some(tally), counts) = (crossed.get_mut(id), peer.link.counts()) else { continue };
+            for class in Class::ALL {
+                tally[class] = Counts { lost: counts.lost[class.index()], ..tally[class] };
+            }
+        }
+        crossed
+    }
+
+    /// Says goodbye to all hosts and ends the connections.
+    pub fn close(&mut self) {
+        let now = Time(monotonic());
+        for peer in self.peers.values_mut() {
+            peer.link.close(now);
+            peer.send(false, |_| ());
+            peer.carrier = None;
+        }
+    }
+}
+
+impl Peer {
+    fn new(assignment: &Assignment, peer: HostId, life: Life) -> Peer {
+        let Assignment { host, run, secret, swarm, silent_and_fence: (silent, fence), .. } = assignment;
+        let role = match (*host, peer) {
+            (HostId::CONTROLLER, _) => Role::Guardian,
+            (_, HostId::CONTROLLER) => Role::Ward,
+            _ => Role::Equal,
+        };
+        let terms = Terms { program: PROGRAM, build: build(), swarm: digest(swarm), room: u32::MAX };
+        let timing = Timing { silent: *silent, fence: *fence, batch: Span(0), ..Timing::default() };
+        let config = Config {
+            host: *host,
+            peer,
+            run: Run(*run),
+            life,
+            terms,
+            role,
+            timing,
+            window: FRAME_WINDOW,
+            defect: None,
+        };
+        let link = HostLink::new(config, Secret(*secret));
+        Peer { link, carrier: None, outgoing: Vec::new(), incoming: Vec::new(), healed: Time::ZERO }
+    }
+
+    /// Gives the link its turn and the carrier its packets.
+    fn carry(&mut self, now: Time, is_cut: bool, mut other: impl FnMut(Output)) {
+        if now >= self.link.wake_at() {
+            self.link.wake(now);
+        }
+        if !self.outgoing.is_empty() {
+            let taken = self.link.write(now, Stream::Stream, &self.outgoing);
+            self.outgoing.drain(..taken);
+        }
+        self.link.flush(now);
+        self.send(is_cut, &mut other);
+    }
+
+    fn send(&mut self, is_cut: bool, mut other: impl FnMut(Output)) {
+        while let Some(output) = self.link.poll() {
+            match output {
+                Output::Packet(packet) => {
+                    if let Some((_, carrier)) = self.carrier.as_mut().filter(|_| !is_cut) {
+                        carrier.send(packet);
+                    }
+                }
+                Output::Bytes(Stream::Stream, bytes) => self.incoming.extend(bytes),
+                output => other(output),
+            }
+        }
+    }
+}
