@@ -16,6 +16,7 @@ use crate::swarm::supervisor::{Launch, Supervisor};
 use metamorph_module_agent::clock::page;
 use metamorph_module_agent::run_dir::counter_file::{AgentCounters, CounterFile, CounterStore};
 use metamorph_module_agent::run_dir::swarm_file;
+use metamorph_module_agent::transport::iceoryx::rendezvous::set_verbosity;
 use metamorph_module_agent::transport::iceoryx::{IceoryxLink, IceoryxTransport};
 use metamorph_module_agent::transport::{AgentKey, Transport};
 use metamorph_protocol::host_link::State;
@@ -193,6 +194,7 @@ fn prepare<'a>(options: &DaemonOptions, assignment: &'a Assignment) -> Result<Sh
     }
     let share = || -> Result<Share<'a>, SwarmError> {
         raise_descriptor_limit(modules as u64)?;
+        set_verbosity(assignment.verbose);
         if let Err(e) = clean() {
             tracing::warn!("what earlier runs left behind could not be removed: {e}");
         }
