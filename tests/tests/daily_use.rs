@@ -1,5 +1,6 @@
 //! Commands of every day: scenarios by their names, and what helps where a name is wrong.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
+#![allow(clippy::print_stdout, reason = "says why something is skipped")]
 
 use metamorph_tests::command::{Ran, command, scenarios};
 use serde_json::Value;
@@ -270,4 +271,49 @@ fn new_scenarios_can_be_run_and_overwrite_nothing() {
         assert!(ran.err.contains(fix), "{}", ran.err);
     }
     assert!(!directory.path().join("d.toml").exists());
+}
+
+/// Runs `doctor` where shared memory has this size, after a shell command, and returns one of its checks. `None` if the
+/// system allows no such thing.
+fn doctor_with_shared_memory(size: &str, modules: &str, before: &str, name: &str) -> Option<(Ran, Value)> {
+    let script = format!(
+        "mount -t tmpfs -o size={size} tmpfs /dev/shm || exit 77; {before}; exec \"$0\" doctor --modules {modules} --json"
+    );
+    let program = metamorph_tests::command::metamorph();
+    let unshare = ["--map-root-user", "--mount", "--", "sh", "-c", &script];
+    let ran: Ran = std::process::Command::new("unshare").args(unshare).arg(program).output().ok()?.into();
+    if ran.code == Some(77) || ran.err.starts_with("unshare:") {
+        println!("skipped: shared memory cannot be made small here: {}", ran.err);
+        return None;
+    }
+    let checks: Vec<Value> = serde_json::from_str(&ran.out).unwrap_or_else(|e| panic!("{e}: {ran:?}"));
+    let check = checks.into_iter().find(|check| check["name"] == name).unwrap();
+    Some((ran, check))
+}
+
+/// 64 MB of shared memory, the default of containers, are enough for 200 modules and not for 1,058.
+#[test]
+fn doctor_names_small_shared_memory() {
+    let check = |size, modules| doctor_with_shared_memory(size, modules, ":", "shared memory, free");
+    let Some((_, free)) = check("64m", "200") else { return };
+    assert_eq!(free["state"], "ok", "{free}");
+    let (ran, free) = check("64m", "1058").unwrap();
+    assert_eq!((ran.code, free["state"].as_str()), (Some(1), Some("fail")), "{ran:?}");
+    assert!(
+        free["fix"].as_str().unwrap().contains("size=") && free["otherwise"] == "`run` refuses to start",
+        "{free}"
+    );
+    let (_, free) = check("16m", "200").unwrap();
+    assert_eq!(free["state"], "fail", "{free}");
+}
+
+/// The directory of a run without an owner is a leftover, and a warning.
+#[test]
+fn doctor_names_leftovers() {
+    let check = |before| doctor_with_shared_memory("64m", "1", before, "leftovers");
+    let Some((_, none)) = check(":") else { return };
+    assert_eq!((none["state"].as_str(), none["found"].as_str()), (Some("ok"), Some("0 dead runs")), "{none}");
+    let (ran, one) = check("mkdir /dev/shm/mm0000000001").unwrap();
+    assert_eq!((one["state"].as_str(), one["found"].as_str()), (Some("warn"), Some("1 dead run")), "{one}");
+    assert!(ran.code == Some(0) && one["fix"] == "metamorph clean", "{ran:?}");
 }

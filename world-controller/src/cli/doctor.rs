@@ -3,16 +3,19 @@
 //! What a swarm needs of shared memory and descriptors is computed by the functions that `run` calls.
 
 use crate::console::escape::json;
-use crate::console::format::{bytes, count};
+use crate::console::format::{bytes, count, many};
 use crate::console::terminal::{Channel, print_data};
 use crate::swarm;
 use clap::Args;
 use metamorph_module_agent::run_dir::run_name::HOME;
 use rustix::fs::{StatVfs, statvfs};
-use rustix::process::{Pid, PidfdFlags, Resource, geteuid, getrlimit, pidfd_open};
+use rustix::process::{Pid, PidfdFlags, Resource, Signal, geteuid, getrlimit, pidfd_open, pidfd_send_signal};
 use serde::Serialize;
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
 
 /// Exit code: the swarm cannot run.
 const CANNOT: u8 = 1;
@@ -24,6 +27,8 @@ const MEMORY: u64 = 920_000;
 const OTHER_PROCESSES: u64 = 10;
 /// The share of time in which something waits for a processor, in percent, above which a swarm is slowed.
 const PRESSURE: f64 = 20.0;
+/// The longest time that a stopped process takes to stop.
+const STOPS_WITHIN: Duration = Duration::from_secs(2);
 /// The type of file system that shared memory is (TMPFS_MAGIC).
 const TMPFS: u64 = 0x0102_1994;
 
@@ -142,7 +147,8 @@ fn checks(modules: u64) -> Vec<Check> {
     checks.push(processes(modules, contained));
     checks.push(memory(modules));
     checks.extend(processors());
-    checks.push(process_descriptors());
+    checks.push(process_control());
+    checks.push(leftovers());
     checks.push(own_program());
     checks
 }
@@ -275,19 +281,68 @@ fn processors() -> Vec<Check> {
     vec![few, waits]
 }
 
-fn process_descriptors() -> Check {
-    let own = Pid::from_raw(std::process::id() as i32);
-    let works = own.is_some_and(|own| pidfd_open(own, PidfdFlags::empty()).is_ok());
-    let found = if works { "allowed" } else { "refused" };
-    let fix = "allow pidfd_open in the seccomp profile; it needs Linux 5.3".to_owned();
+/// Returns whether a child can be held by a descriptor and stopped, as faults of a run do.
+fn process_control() -> Check {
+    let refused = match stop_a_child() {
+        Ok(()) => None,
+        Err(error) => Some(error),
+    };
+    let works = refused.is_none();
+    let found = refused.map_or_else(|| "allowed".to_owned(), |error| format!("refused: {error}"));
+    let fix = "allow pidfd_open and kill in the seccomp profile; the former needs Linux 5.3".to_owned();
     Check::yes(
-        "process descriptors",
+        "control of processes",
         works,
         State::Fail,
-        found.to_owned(),
-        "agents could not be supervised",
+        found,
+        "agents could not be supervised or paused",
         fix,
     )
+}
+
+/// Starts a child, stops it, and ends it.
+fn stop_a_child() -> io::Result<()> {
+    let mut child = Command::new("sleep").arg("10").stdin(Stdio::null()).spawn()?;
+    let stopped = stop(&child);
+    child.kill()?;
+    child.wait()?;
+    stopped
+}
+
+/// Opens a descriptor of a child, and stops it by a signal.
+fn stop(child: &Child) -> io::Result<()> {
+    let fd = pidfd_open(Pid::from_child(child), PidfdFlags::empty())?;
+    pidfd_send_signal(&fd, Signal::STOP)?;
+    let limit = Instant::now() + STOPS_WITHIN;
+    while !is_stopped(child.id()) {
+        if Instant::now() > limit {
+            return Err(io::Error::other("the child does not stop"));
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    Ok(())
+}
+
+/// Returns true if a process is stopped by a signal.
+fn is_stopped(pid: u32) -> bool {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    stat.rsplit_once(") ").is_some_and(|(_, rest)| rest.starts_with('T'))
+}
+
+fn leftovers() -> Check {
+    let found = swarm::leftovers().map(|runs| runs as u64);
+    let shown = match &found {
+        Ok(runs) => many(*runs, "dead run"),
+        Err(error) => format!("unknown: {error}"),
+    };
+    Check {
+        name: "leftovers",
+        state: if matches!(found, Ok(0)) { State::Ok } else { State::Warn },
+        found: shown,
+        needs: "none".to_owned(),
+        otherwise: "killed runs left shared memory and processes behind",
+        fix: "metamorph clean".to_owned(),
+    }
 }
 
 fn own_program() -> Check {

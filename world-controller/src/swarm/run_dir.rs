@@ -200,16 +200,18 @@ pub fn identities(root: &Path) -> impl Iterator<Item = (String, Identity)> {
     })
 }
 
-/// Removes the leftovers of this user's dead runs: agents still alive, shared memory and directories. Never
-/// touches a live run or one of another user.
-///
-/// # Errors
-/// If the runs cannot be listed, or a file cannot be removed.
-pub fn clean() -> Result<CleanReport, CleanError> {
+/// The directory of a dead run.
+struct DeadRun {
+    name: String,
+    path: PathBuf,
+    /// True if it was given its name, and so may have shared memory.
+    begun: bool,
+}
+
+/// Returns the dead runs of this user, and the number of live ones.
+fn survey() -> Result<(Vec<DeadRun>, u32), CleanError> {
     let user = geteuid().as_raw();
-    let mut report = CleanReport::default();
-    let mut dead = BTreeSet::new();
-    let mut trees = Vec::new();
+    let (mut dead, mut alive) = (Vec::new(), 0);
     for entry in fs::read_dir(HOME).map_err(CleanError::List)? {
         let entry = entry.map_err(CleanError::List)?;
         let Some(name) = entry.file_name().to_str().map(str::to_owned) else { continue };
@@ -228,21 +230,39 @@ pub fn clean() -> Result<CleanReport, CleanError> {
         // A run's directory gets its name together with its owner: without one, it is a leftover.
         let waits = || waits_for_controller(&entry.path());
         if owner.is_some_and(|owner: Identity| owner.is_alive()) || is_locked(&entry.path()) || waits() {
-            report.alive += 1;
+            alive += 1;
             continue;
         }
-        report.agents_killed += kill_agents(&entry.path());
-        if run == name {
-            dead.insert(name.clone());
-        }
-        report.runs.push(name);
-        trees.push(entry.path());
+        let begun = run == name;
+        dead.push(DeadRun { name, path: entry.path(), begun });
     }
-    if !dead.is_empty() {
-        report.files = remove_shared(&dead)?;
+    Ok((dead, alive))
+}
+
+/// Returns the number of dead runs of this user that [`clean`] would remove.
+///
+/// # Errors
+/// If the runs cannot be listed.
+pub fn leftovers() -> Result<usize, CleanError> {
+    survey().map(|(dead, _)| dead.len())
+}
+
+/// Removes the leftovers of this user's dead runs: agents still alive, shared memory and directories. Never
+/// touches a live run or one of another user.
+///
+/// # Errors
+/// If the runs cannot be listed, or a file cannot be removed.
+pub fn clean() -> Result<CleanReport, CleanError> {
+    let (runs, alive) = survey()?;
+    let mut report = CleanReport { alive, ..CleanReport::default() };
+    report.agents_killed = runs.iter().map(|run| kill_agents(&run.path)).sum();
+    let begun: BTreeSet<String> = runs.iter().filter(|run| run.begun).map(|run| run.name.clone()).collect();
+    if !begun.is_empty() {
+        report.files = remove_shared(&begun)?;
     }
-    for tree in trees {
-        remove_tree(&tree)?;
+    for run in runs {
+        remove_tree(&run.path)?;
+        report.runs.push(run.name);
     }
     report.runs.sort_unstable();
     Ok(report)
