@@ -10,6 +10,7 @@ use crate::cli::new::{NewArgs, new};
 use crate::cli::reference::{CompletionArgs, ManArgs, PagesError, SchemaArgs, completions, man, schema};
 use crate::cli::runs::{self, resume, run, view};
 use crate::cli::scenarios::{ScenariosArgs, scenarios};
+use crate::cli::structures::{Format, export_structure};
 use crate::console::command_error::{BAD_USAGE, DIFFERENT, Failure};
 use crate::console::escape::Shown;
 use crate::console::interrupt::Interrupt;
@@ -112,7 +113,7 @@ pub enum Command {
     /// Draw figures of a run for papers: SVG, PNG, GIF and APNG, without a browser or a display
     #[command(after_help = RENDER_EXAMPLES)]
     Render(Box<RenderArgs>),
-    /// Export a journal as a recording for other viewers
+    /// Export a journal as a recording for other viewers, or its structure at an instant as URDF or SDF
     #[command(after_help = EXPORT_EXAMPLES)]
     Export(ExportArgs),
     /// Print the JSON schema of scenarios or reports
@@ -178,7 +179,15 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
         }
         Command::Render(args) => render(*args, since, interrupt),
         Command::Export(args) => {
-            print_out(&export(&args, families(), |plan| family::of(plan).shown(plan), interrupt)?);
+            let said = match (&args.mcap, &args.urdf, &args.sdf) {
+                (Some(file), ..) => {
+                    export(&args, file, families(), |plan| family::of(plan).shown(plan), interrupt)?
+                }
+                (None, Some(file), _) => export_structure(&args, file, Format::Urdf)?,
+                (None, None, Some(file)) => export_structure(&args, file, Format::Sdf)?,
+                (None, None, None) => unreachable!("invariant: clap asks for one of them"),
+            };
+            print_out(&said);
             Ok(0)
         }
         Command::Schema(args) => {

@@ -242,12 +242,17 @@ pub const EXPORT_EXAMPLES: &str = "\
 Examples:
   metamorph run deploy/scenarios/swarm.toml --link sim --journal run.journal
   metamorph export run.journal --mcap run.mcap
+  metamorph export run.journal --at 50% --urdf half.urdf
+  metamorph export run.journal --sdf end.sdf --cell 0.05 --mass 0.2
 
 The recording has Foxglove's SceneUpdate on /modules and Log on /log. Open it in Foxglove or in Lichtblick
 and show /modules in a 3D panel whose frame is `world`.
 
+A structure is in metres, kilograms and radians with z up. URDF has a tree of connections and names how
+many are left out; SDF has all of them.
+
 Exit codes:
-  0  the recording is written
+  0  the recording or the structure is written
   1  it could not be written completely
   2  the command line is wrong, or the file is not a journal of this version
   9  the journal is damaged; no recording is left behind";

@@ -14,3 +14,4 @@ mod plots;
 pub mod reference;
 mod runs;
 mod scenarios;
+mod structures;

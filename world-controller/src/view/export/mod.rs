@@ -1,4 +1,5 @@
-//! Exports a journal as a recording for robotics viewers such as Foxglove: an MCAP file with scene updates
+//! Exports of a journal: the structure at an instant as URDF or SDF ([`structure`], [`urdf`], [`sdf`]), and here the run
+//! as a recording for robotics viewers such as Foxglove: an MCAP file with scene updates
 //! and a log in Foxglove's schemas, as JSON.
 //!
 //! Bodies are drawn by their parts, in cells of one metre; the time of the recording is the scenario's. Every
@@ -7,6 +8,10 @@
 //! here: messages between modules, and the course of a body between two cells, which `metamorph view` shows.
 
 mod foxglove;
+pub mod sdf;
+pub mod structure;
+pub mod urdf;
+mod xml;
 
 use crate::console::command_error::{BAD_USAGE, CommandError, FAILED};
 use crate::console::escape::Shown;
@@ -17,9 +22,10 @@ use crate::record::journal::{Event, HeadError, Journal, JournalError, Record, Wh
 use crate::scenario::Plan;
 use crate::scenario::family::Families;
 use crate::view::bodies::ShownSwarm;
+use crate::view::figure::options::Moment;
 use crate::view::parts::{Part, Shape};
 use crate::view::visible::{self, Words};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use foxglove::{Colour, Cube, Entity, Level, Log, Pair, SceneUpdate, schema_of};
 use mcap::records::MessageHeader;
 use mcap::{Compression, McapError, WriteOptions, Writer};
@@ -32,7 +38,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// The options of `export`.
@@ -42,11 +48,52 @@ pub struct ExportArgs {
     #[arg(value_name = "JOURNAL")]
     pub journal: PathBuf,
     /// Write Foxglove's scene updates to this MCAP file, which must not exist yet
-    #[arg(long, value_name = "FILE")]
-    pub mcap: PathBuf,
-    /// Shortest scenario time between two updates, in milliseconds
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["urdf", "sdf"], conflicts_with_all = ["urdf", "sdf"])]
+    pub mcap: Option<PathBuf>,
+    /// Shortest scenario time between two updates of a recording, in milliseconds
     #[arg(long, value_name = "MS", default_value_t = 100)]
     pub every: u32,
+    /// Write the structure at one instant as URDF to this file, which must not exist yet
+    #[arg(long, value_name = "FILE", conflicts_with = "sdf")]
+    pub urdf: Option<PathBuf>,
+    /// Write the structure at one instant as SDF 1.9 to this file, which must not exist yet
+    #[arg(long, value_name = "FILE")]
+    pub sdf: Option<PathBuf>,
+    /// How the structure at an instant is written.
+    #[command(flatten)]
+    pub structure: StructureArgs,
+}
+
+/// How the structure at an instant is written.
+#[derive(Debug, Args)]
+pub struct StructureArgs {
+    /// The instant of a structure: a scenario time, a share of the run (50%), or `end`
+    #[arg(long, value_name = "T", default_value = "end", conflicts_with = "mcap")]
+    pub at: Moment,
+    /// Links of a structure: one for each module, or all merged in one; default: of URDF and of metamodules
+    /// modules, of cubes in SDF merged
+    #[arg(long, value_enum, conflicts_with = "mcap")]
+    pub bodies: Option<Links>,
+    /// The edge of a cell in metres
+    #[arg(long, value_name = "M", default_value = "0.11", value_parser = positive, conflicts_with = "mcap")]
+    pub cell: f64,
+    /// The mass of a module in kilograms; the default is an assumption
+    #[arg(long, value_name = "KG", default_value = "0.5", value_parser = positive, conflicts_with = "mcap")]
+    pub mass: f64,
+}
+
+/// The links of a structure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Links {
+    /// Each module has links of its own
+    Modules,
+    /// All modules are one link
+    Merged,
+}
+
+fn positive(text: &str) -> Result<f64, &'static str> {
+    let number = text.parse::<f64>().ok().filter(|number| number.is_finite() && *number > 0.0);
+    number.ok_or("say a number above 0, such as 0.11")
 }
 
 /// Errors of an export.
@@ -182,22 +229,23 @@ struct Recording {
 /// If the journal cannot be read, or the file cannot be written.
 pub fn export(
     args: &ExportArgs,
+    file: &Path,
     families: Families,
     shown: fn(&Plan) -> Box<dyn ShownSwarm>,
     interrupt: &Interrupt,
 ) -> Result<String, ExportError> {
-    let output = Outputs::new().creates("--mcap", &args.mcap)?;
+    let output = Outputs::new().creates("--mcap", file)?;
     let mut journal = Journal::open(&args.journal)?;
     let plan = plan_of(families, journal.head())?;
     let swarm = shown(&plan);
     let parts = |place: &Blob| swarm.parts(place);
-    let path = || args.mcap.clone();
+    let path = || file.to_owned();
     interrupt.begin();
     let write = |error| ExportError::Write { path: path(), error };
     let draft = output.begin()?;
-    let file = draft.handle().map_err(|error| write(error.into()))?;
+    let handle = draft.handle().map_err(|error| write(error.into()))?;
     let mut recording =
-        Recording::begin(file, swarm.words(), Span::millis(args.every.into())).map_err(write)?;
+        Recording::begin(handle, swarm.words(), Span::millis(args.every.into())).map_err(write)?;
     let mut records = 0;
     for record in journal.by_ref() {
         // Half a recording would look like a whole one, so the file gets its name at the end.
@@ -213,7 +261,7 @@ pub fn export(
     output.finish(draft)?;
     let mut said = format!(
         "{}: {} in {} until {}, from {}\n",
-        args.mcap.shown(),
+        file.shown(),
         many(recording.bodies.len() as u64, "module"),
         many(recording.updates, "update"),
         seconds(recording.now.as_secs_f64()),

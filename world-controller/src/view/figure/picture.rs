@@ -210,7 +210,7 @@ impl std::fmt::Display for Number {
 }
 
 /// Returns a text for XML: no markup, and no characters that XML forbids.
-fn escaped(text: &str) -> String {
+pub fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
