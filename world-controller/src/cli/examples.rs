@@ -242,11 +242,13 @@ pub const EXPORT_EXAMPLES: &str = "\
 Examples:
   metamorph run deploy/scenarios/swarm.toml --link sim --journal run.journal
   metamorph export run.journal --mcap run.mcap
+  metamorph export run.journal --mcap run.mcap --schema ros2
   metamorph export run.journal --at 50% --urdf half.urdf
   metamorph export run.journal --sdf end.sdf --cell 0.05 --mass 0.2
 
 The recording has Foxglove's SceneUpdate on /modules and Log on /log. Open it in Foxglove or in Lichtblick
-and show /modules in a 3D panel whose frame is `world`.
+and show /modules in a 3D panel whose frame is `world`. With --schema ros2 it has MarkerArray on
+/modules, TFMessage on /tf and Log on /rosout.
 
 A structure is in metres, kilograms and radians with z up. URDF has a tree of connections and names how
 many are left out; SDF has all of them.

@@ -73,6 +73,10 @@ pub struct Colour {
 }
 
 impl Colour {
+    /// Returns red, green, blue and opacity.
+    pub fn rgba(self) -> [f32; 4] {
+        [self.r, self.g, self.b, self.a]
+    }
     /// Returns the colour for red, green and blue of 0 to 255.
     pub const fn rgb(r: u8, g: u8, b: u8) -> Colour {
         Colour { r: r as f32 / 255.0, g: g as f32 / 255.0, b: b as f32 / 255.0, a: 1.0 }
@@ -89,13 +93,12 @@ pub struct Cube {
 }
 
 impl Cube {
-    /// Returns a box about the centre of a part, with a small gap to its neighbours.
+    /// Returns a box about the centre of a part.
     pub fn new(part: &Part, size: [f64; 3], color: Colour) -> Cube {
-        const SHARE: f64 = 0.95;
         let vector = |[x, y, z]: [f64; 3]| Vector { x: x as f32, y: y as f32, z: z as f32 };
         let [x, y, z, w] = part.pose.rotation.coords.map(|q| q as f32).into();
         let pose = Pose { position: vector(part.centre().into()), orientation: Quaternion { x, y, z, w } };
-        Cube { pose, size: vector(size.map(|edge| edge * SHARE)), color }
+        Cube { pose, size: vector(size), color }
     }
 }
 

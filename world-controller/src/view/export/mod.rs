@@ -8,6 +8,7 @@
 //! here: messages between modules, and the course of a body between two cells, which `metamorph view` shows.
 
 mod foxglove;
+mod ros2;
 pub mod sdf;
 pub mod structure;
 pub mod urdf;
@@ -34,6 +35,7 @@ use metamorph_protocol::record::Blob;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::outcome::Outcome;
+use ros2::{Definition, Marker};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -50,6 +52,9 @@ pub struct ExportArgs {
     /// Write Foxglove's scene updates to this MCAP file, which must not exist yet
     #[arg(long, value_name = "FILE", required_unless_present_any = ["urdf", "sdf"], conflicts_with_all = ["urdf", "sdf"])]
     pub mcap: Option<PathBuf>,
+    /// The messages of a recording: Foxglove's as JSON, or those of ROS 2 in CDR
+    #[arg(long, value_enum, default_value_t = Schema::Foxglove, requires = "mcap")]
+    pub schema: Schema,
     /// Shortest scenario time between two updates of a recording, in milliseconds
     #[arg(long, value_name = "MS", default_value_t = 100)]
     pub every: u32,
@@ -62,6 +67,15 @@ pub struct ExportArgs {
     /// How the structure at an instant is written.
     #[command(flatten)]
     pub structure: StructureArgs,
+}
+
+/// The messages of a recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Schema {
+    /// foxglove.SceneUpdate and foxglove.Log, as JSON
+    Foxglove,
+    /// visualization_msgs/MarkerArray, tf2_msgs/TFMessage and rcl_interfaces/Log, in CDR
+    Ros2,
 }
 
 /// How the structure at an instant is written.
@@ -180,8 +194,9 @@ impl Body {
             visible::Colour::Done => Colour::rgb(0x3d, 0x83, 0xc0),
         }
     }
-    /// Returns the boxes of a body. The two halves of a ball make one.
-    fn boxes(&self, colour: Colour) -> Vec<Cube> {
+    /// Returns the boxes of a body with a small gap between them. The two halves of a ball make one.
+    fn boxes(&self) -> Vec<(Part, [f64; 3])> {
+        const SHARE: f64 = 0.95;
         let mut halves = Vec::new();
         let mut boxes = Vec::new();
         for part in &self.parts {
@@ -195,23 +210,74 @@ impl Body {
                     [2.0 * half_edge; 3]
                 }
             };
-            boxes.push(Cube::new(part, size, colour));
+            boxes.push((*part, size.map(|edge| edge * SHARE)));
         }
         boxes
     }
     fn entity(&self, id: ModuleId, at: Time, words: &Words) -> Entity<'_> {
         let about =
             [Pair { key: "role", value: &self.role }, Pair { key: "process", value: self.process.name() }];
-        Entity::new(at, format!("module {id}"), about, self.boxes(self.colour(words)))
+        let colour = self.colour(words);
+        let cubes = self.boxes().into_iter().map(|(part, size)| Cube::new(&part, size, colour)).collect();
+        Entity::new(at, format!("module {id}"), about, cubes)
     }
+    fn markers(&self, id: ModuleId, words: &Words) -> impl Iterator<Item = Marker> {
+        let colour = self.colour(words);
+        self.boxes().into_iter().enumerate().map(move |(number, (part, size))| Marker {
+            name: format!("module_{id}"),
+            number: number as u32,
+            part,
+            size,
+            colour,
+        })
+    }
+}
+
+/// The channels of a recording.
+#[derive(Clone, Copy, Debug)]
+enum Channels {
+    Foxglove { scene: u16, log: u16 },
+    Ros2 { markers: u16, frames: u16, log: u16 },
+}
+
+type Output = Writer<BufWriter<File>>;
+
+impl Channels {
+    fn foxglove(writer: &mut Output) -> Result<Channels, McapError> {
+        let none = BTreeMap::new();
+        let scene = writer.add_schema("foxglove.SceneUpdate", "jsonschema", &schema_of::<SceneUpdate>())?;
+        let log = writer.add_schema("foxglove.Log", "jsonschema", &schema_of::<Log>())?;
+        Ok(Channels::Foxglove {
+            scene: writer.add_channel(scene, "/modules", "json", &none)?,
+            log: writer.add_channel(log, "/log", "json", &none)?,
+        })
+    }
+
+    fn ros2(writer: &mut Output) -> Result<Channels, McapError> {
+        let none = BTreeMap::new();
+        let mut add = |Definition { name, text }, topic| {
+            let schema = writer.add_schema(name, "ros2msg", text.as_bytes())?;
+            writer.add_channel(schema, topic, "cdr", &none)
+        };
+        Ok(Channels::Ros2 {
+            markers: add(ros2::MARKERS, "/modules")?,
+            frames: add(ros2::FRAMES, "/tf")?,
+            log: add(ros2::LOG, "/rosout")?,
+        })
+    }
+}
+
+/// Returns a message as JSON.
+fn json(message: &impl Serialize) -> Vec<u8> {
+    serde_json::to_vec(message)
+        .expect("invariant: messages are made of plain values, text keys and finite numbers")
 }
 
 /// The file, and the state of the modules at the current time.
 struct Recording {
     writer: Writer<BufWriter<File>>,
     words: &'static Words,
-    scene: u16,
-    log: u16,
+    channels: Channels,
     sequence: u32,
     updates: u64,
     bodies: BTreeMap<ModuleId, Body>,
@@ -244,8 +310,8 @@ pub fn export(
     let write = |error| ExportError::Write { path: path(), error };
     let draft = output.begin()?;
     let handle = draft.handle().map_err(|error| write(error.into()))?;
-    let mut recording =
-        Recording::begin(handle, swarm.words(), Span::millis(args.every.into())).map_err(write)?;
+    let mut recording = Recording::begin(handle, swarm.words(), Span::millis(args.every.into()), args.schema)
+        .map_err(write)?;
     let mut records = 0;
     for record in journal.by_ref() {
         // Half a recording would look like a whole one, so the file gets its name at the end.
@@ -274,17 +340,17 @@ pub fn export(
 }
 
 impl Recording {
-    fn begin(file: File, words: &'static Words, every: Span) -> Result<Recording, McapError> {
+    fn begin(file: File, words: &'static Words, every: Span, schema: Schema) -> Result<Recording, McapError> {
         let library = concat!("metamorph ", env!("CARGO_PKG_VERSION"));
-        let options = WriteOptions::new().compression(Some(Compression::Lz4)).library(library);
+        let profile = if schema == Schema::Ros2 { "ros2" } else { "" };
+        let options =
+            WriteOptions::new().compression(Some(Compression::Lz4)).library(library).profile(profile);
         let mut writer = options.create(BufWriter::new(file))?;
-        let scene = schema_of::<SceneUpdate>();
-        let scene = writer.add_schema("foxglove.SceneUpdate", "jsonschema", &scene)?;
-        let log = writer.add_schema("foxglove.Log", "jsonschema", &schema_of::<Log>())?;
-        let none = BTreeMap::new();
         Ok(Recording {
-            scene: writer.add_channel(scene, "/modules", "json", &none)?,
-            log: writer.add_channel(log, "/log", "json", &none)?,
+            channels: match schema {
+                Schema::Foxglove => Channels::foxglove(&mut writer)?,
+                Schema::Ros2 => Channels::ros2(&mut writer)?,
+            },
             writer,
             words,
             sequence: 0,
@@ -346,10 +412,23 @@ impl Recording {
     }
 
     fn update(&mut self) -> Result<(), McapError> {
-        let bodies = std::mem::take(&mut self.bodies);
-        let entities = bodies.iter().map(|(id, body)| body.entity(*id, self.now, self.words)).collect();
-        self.write(self.scene, &SceneUpdate::new(entities))?;
-        self.bodies = bodies;
+        match self.channels {
+            Channels::Foxglove { scene, .. } => {
+                let entities = self.bodies.iter().map(|(id, body)| body.entity(*id, self.now, self.words));
+                let update = json(&SceneUpdate::new(entities.collect()));
+                self.write(scene, &update)?;
+            }
+            Channels::Ros2 { markers, frames, .. } => {
+                let boxes = self.bodies.iter().flat_map(|(id, body)| body.markers(*id, self.words));
+                let boxes: Vec<Marker> = boxes.collect();
+                let firsts = self.bodies.iter().filter_map(|(id, body)| Some((id, body.parts.first()?)));
+                let firsts: Vec<_> = firsts.map(|(id, part)| (format!("module_{id}"), part)).collect();
+                let (marked, framed) =
+                    (ros2::markers(self.now, &boxes), ros2::frames(self.now, firsts.into_iter()));
+                self.write(markers, &marked)?;
+                self.write(frames, &framed)?;
+            }
+        }
         self.changed = false;
         self.updates += 1;
         self.due = self.now + self.every;
@@ -368,16 +447,16 @@ impl Recording {
     }
 
     fn say(&mut self, level: Level, message: &str) -> Result<(), McapError> {
-        let log = Log::new(self.now, level, message);
-        self.write(self.log, &log)
+        match self.channels {
+            Channels::Foxglove { log, .. } => self.write(log, &json(&Log::new(self.now, level, message))),
+            Channels::Ros2 { log, .. } => self.write(log, &ros2::log(self.now, level, message)),
+        }
     }
 
-    fn write(&mut self, channel_id: u16, message: &impl Serialize) -> Result<(), McapError> {
+    fn write(&mut self, channel_id: u16, data: &[u8]) -> Result<(), McapError> {
         let (sequence, log_time) = (self.sequence, self.now.0);
         self.sequence += 1;
         let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
-        let data = serde_json::to_vec(message)
-            .expect("invariant: messages are made of plain values, text keys and finite numbers");
-        self.writer.write_to_known_channel(&header, &data)
+        self.writer.write_to_known_channel(&header, data)
     }
 }
