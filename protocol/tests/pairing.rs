@@ -182,7 +182,7 @@ fn counts_of_all_small_structures_are_the_known_ones() {
                 ("four_chains", serde_json::json!(split)),
                 ("four_chains_with_a_foot", serde_json::json!(standing)),
             ];
-            for (what, ours) in counted.iter().filter(|(what, _)| known.contains_key(*what)) {
+            for (what, ours) in counted.iter().filter(|(what, _)| known.get(*what).is_some()) {
                 assert_eq!(ours, &known[*what], "{key} of {cells} cells: {what}");
             }
         }

@@ -210,7 +210,7 @@ impl Pairing {
             }
             // A structure stands on its lowest layer.
             let below = cell.z < around.floor;
-            if !below && !(drawn && alone) {
+            if !(below || drawn && alone) {
                 all.push(Candidate { change, index: index as u32, cost: cost + BROKEN_SYMMETRY * broken });
             }
         }

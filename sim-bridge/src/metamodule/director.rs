@@ -48,8 +48,7 @@ pub struct MetamodulePlan {
     pub failure: Ratio,
     /// Changes of the goal: the time and the number of the new goal, in the order of time.
     pub changes: Vec<(Time, u8)>,
-    /// If true, a dead body or an obstacle in one of the seeds makes the director move the goal to a place
-    /// where it can be built.
+    /// True if the director moves a goal that a dead body or an obstacle in a seed keeps from being built.
     pub relocate: bool,
     /// True if the run ends when the swarm itself has detected a standstill, and no event is planned that may
     /// change that. The swarm detects only if its parameters say so.
@@ -111,21 +110,19 @@ fn opened(goal: &Blueprint, now: Time) -> Stage {
 impl MetamoduleDirector {
     /// Creates a director for a swarm of this many metamodules.
     pub fn new(setup: Arc<Setup>, metamodules: usize, plan: MetamodulePlan) -> MetamoduleDirector {
-        let MetamodulePlan { schedule, stop, failure, changes, relocate, follow, hands_over, round_trip } =
-            plan;
         let is_planned = setup.params.strategy == Strategy::Planned;
         let stages = vec![opened(setup.goal(Task::default()), Time::ZERO)];
         MetamoduleDirector {
             setup,
-            faults: FaultInjector::new(schedule),
-            changes: changes.into(),
-            relocate,
+            faults: FaultInjector::new(plan.schedule),
+            changes: plan.changes.into(),
+            relocate: plan.relocate,
             trials: Trials::default(),
             moved: false,
             elsewhere: None,
             out_of_reach: None,
-            stop,
-            failure,
+            stop: plan.stop,
+            failure: plan.failure,
             task: Task::default(),
             stages,
             known: vec![Known::default(); metamodules],
@@ -143,10 +140,10 @@ impl MetamoduleDirector {
             next_check: Time::ZERO,
             outcome: None,
             stall: None,
-            follow,
+            follow: plan.follow,
             detected: None,
             alarms: 0,
-            execution: is_planned.then(|| PlanExecution::new(hands_over, round_trip)),
+            execution: is_planned.then(|| PlanExecution::new(plan.hands_over, plan.round_trip)),
         }
     }
 

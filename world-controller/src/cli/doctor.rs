@@ -4,6 +4,7 @@
 
 use crate::console::escape::json;
 use crate::console::format::{bytes, count, many};
+use crate::console::stopwatch::wait_until;
 use crate::console::terminal::{Channel, print_data};
 use crate::swarm;
 use clap::Args;
@@ -15,7 +16,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Exit code: the swarm cannot run.
 const CANNOT: u8 = 1;
@@ -283,10 +284,7 @@ fn processors() -> Vec<Check> {
 
 /// Returns whether a child can be held by a descriptor and stopped, as faults of a run do.
 fn process_control() -> Check {
-    let refused = match stop_a_child() {
-        Ok(()) => None,
-        Err(error) => Some(error),
-    };
+    let refused = stop_a_child().err();
     let works = refused.is_none();
     let found = refused.map_or_else(|| "allowed".to_owned(), |error| format!("refused: {error}"));
     let fix = "allow pidfd_open and kill in the seccomp profile; the former needs Linux 5.3".to_owned();
@@ -313,14 +311,8 @@ fn stop_a_child() -> io::Result<()> {
 fn stop(child: &Child) -> io::Result<()> {
     let fd = pidfd_open(Pid::from_child(child), PidfdFlags::empty())?;
     pidfd_send_signal(&fd, Signal::STOP)?;
-    let limit = Instant::now() + STOPS_WITHIN;
-    while !is_stopped(child.id()) {
-        if Instant::now() > limit {
-            return Err(io::Error::other("the child does not stop"));
-        }
-        std::thread::sleep(Duration::from_millis(1));
-    }
-    Ok(())
+    let stops = wait_until(STOPS_WITHIN, || is_stopped(child.id()));
+    if stops { Ok(()) } else { Err(io::Error::other("the child does not stop")) }
 }
 
 /// Returns true if a process is stopped by a signal.

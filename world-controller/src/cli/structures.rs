@@ -1,11 +1,10 @@
 //! The command `export` to URDF and SDF: the structure of modules at an instant of a recorded run.
 
-use crate::cli::runs::recorded;
 use crate::console::command_error::{BAD_USAGE, CommandError};
 use crate::console::escape::Shown;
 use crate::console::format::{many, seconds};
 use crate::console::output::{OutputError, Outputs};
-use crate::family::{self, families};
+use crate::family::{self, families, recorded};
 use crate::record::journal::{Journal, JournalError, plan_of};
 use crate::view::export::sdf::sdf;
 use crate::view::export::structure::{Measures, NotConnected, Structure};

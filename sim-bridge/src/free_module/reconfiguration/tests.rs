@@ -73,7 +73,7 @@ impl Run {
     fn simulate(self) -> Ran {
         let setup = Setup { defect: self.defect, ..Setup::scaled(TURN, TURN / 10) };
         let setup = Arc::new(setup);
-        let physics = Physics { collision: Model::Strict, active: false };
+        let physics = Physics { collision: Model::Strict, active: false, standing: None };
         let start = self.start();
         let planner = Planner {
             goal: Goal::Shape(named::shape(self.goal).unwrap()),
@@ -208,7 +208,7 @@ fn defects_of_agents_are_found() {
 fn world(types: &'static [u8]) -> FreeModuleWorld {
     let start = Run { types, ..Run::new(1) }.start();
     let setup = Arc::new(Setup::scaled(TURN, TURN / 10));
-    let physics = Physics { collision: Model::Strict, active: false };
+    let physics = Physics { collision: Model::Strict, active: false, standing: None };
     FreeModuleWorld::new(setup, physics, &start, 1)
 }
 

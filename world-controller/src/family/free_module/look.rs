@@ -85,7 +85,7 @@ impl Visible for LatticeModule {
             let frame = t.times(place.rotation, t.hemisphere[usize::from(place.posture)][h]);
             let frame = t.rotations[usize::from(frame)];
             // The first half of each cube looks the other way.
-            let frame = if h % 2 == 0 { frame * LatticeRotation::FLIP } else { frame };
+            let frame = if h.is_multiple_of(2) { frame * LatticeRotation::FLIP } else { frame };
             let rotation = Rotation3::from_matrix_unchecked(frame.matrix());
             let tone = if h < HALVES / 2 { Tone::Plain } else { Tone::Light };
             Part::in_cell(shape, cells[h / 2], UnitQuaternion::from_rotation_matrix(&rotation), tone)
@@ -189,7 +189,7 @@ mod tests {
     #[test]
     fn turning_halves_go_where_the_joints_take_them() {
         let setup = Setup::scaled(Span::secs(1), Span::millis(100));
-        let physics = Physics { collision: Model::Final, active: false };
+        let physics = Physics { collision: Model::Final, active: false, standing: None };
         let mut turns = 0;
         for rotation in 0..24 {
             for posture in 0..36 {

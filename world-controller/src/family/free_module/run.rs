@@ -28,7 +28,7 @@ impl Runnable for FreeModules {
     }
     fn world(&self, plan: &Plan) -> FreeModuleWorld {
         let active = self.planner.connectors == Connectors::Active;
-        let physics = Physics { collision: self.planner.collision, active };
+        let physics = Physics { collision: self.planner.collision, active, standing: None };
         FreeModuleWorld::new(Arc::clone(&self.setup), physics, &self.places(), plan.seed)
     }
     fn director(&self, plan: &Plan) -> FreeModuleDirector {

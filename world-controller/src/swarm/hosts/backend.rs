@@ -5,6 +5,7 @@ use super::daemon::OWN_COUNTERS;
 use super::fleet::Fleet;
 use super::messages::{Sent, ToController, ToDaemon};
 use super::node::Node;
+use crate::console::stopwatch::Stopwatch;
 use crate::swarm::launcher::{Backend, Event, HostsAccount, Launcher};
 use crate::swarm::outcome::SwarmError;
 use crate::swarm::run_dir::RunDir;
@@ -26,7 +27,7 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io;
 use std::rc::Rc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Number of frames to one agent elsewhere that its host has not put into its inbox yet.
 const UNTAKEN: u32 = 64;
@@ -409,7 +410,7 @@ impl HostsLauncher {
         for host in &asked {
             self.shared.borrow_mut().node.tell(*host, request);
         }
-        let begun = Instant::now();
+        let begun = Stopwatch::start();
         loop {
             let (mut shared, mut local) = (self.shared.borrow_mut(), self.transport.borrow_mut());
             while let Some(frame) = local.receive()? {

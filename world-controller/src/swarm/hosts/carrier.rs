@@ -1,6 +1,7 @@
 //! The carrier of packets between two daemons: a trait, and its implementation over Unix sockets. A carrier may lose
 //! packets; the host link notices. Not here: what packets mean.
 
+use crate::console::stopwatch::wait_until;
 use metamorph_module_agent::transport::iceoryx::rendezvous::{self, ChannelError, Notifier, Rendezvous};
 use metamorph_protocol::host_link::packet::MAX_PACKET;
 use metamorph_protocol::ids::HostId;
@@ -11,7 +12,7 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Number of packets that may wait to be sent. Further ones are dropped, as on a slow network.
 const OUTGOING: usize = 64;
@@ -95,10 +96,7 @@ impl Drop for UnixCarrier {
     fn drop(&mut self) {
         // The thread that writes ends once it has written what waits, unless the other end reads nothing.
         self.packets = None;
-        let begun = Instant::now();
-        while self.threads.last().is_some_and(|writer| !writer.is_finished()) && begun.elapsed() < LINGER {
-            std::thread::sleep(Duration::from_millis(1));
-        }
+        wait_until(LINGER, || self.threads.last().is_none_or(|writer| writer.is_finished()));
         let _ = self.stream.shutdown(Shutdown::Both);
         for thread in self.threads.drain(..) {
             let _ = thread.join();

@@ -6,6 +6,7 @@ use super::messages::{Account, Answer, Assignment, Opening, Sent, ToController, 
 use super::messages::{read_opening, write_opening};
 use super::node::{Node, build};
 use crate::console::shutdown::{Shutdown, Urgency};
+use crate::console::stopwatch::Stopwatch;
 use crate::swarm::launcher::{Event, Launcher};
 use crate::swarm::links::raise_descriptor_limit;
 use crate::swarm::outcome::SwarmError;
@@ -29,7 +30,7 @@ use std::os::unix::fs::symlink;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use thiserror::Error;
 
 /// The generation of the controllers of a run on several hosts, which cannot be resumed.
@@ -45,6 +46,9 @@ const LONGEST_WAIT: Duration = Duration::from_millis(100);
 /// How long a new connection may take to say what it is for.
 const OPENING: Duration = Duration::from_secs(30);
 
+/// A program and its arguments.
+pub type CommandOfAgents = (PathBuf, Vec<OsString>);
+
 /// How a daemon runs.
 pub struct DaemonOptions {
     /// The address on which it listens.
@@ -53,7 +57,7 @@ pub struct DaemonOptions {
     pub once: bool,
     /// Returns the command line of the agents of a family, without what an agent itself adds; `None` if there is no
     /// such family.
-    pub agents: fn(&str) -> Option<(PathBuf, Vec<OsString>)>,
+    pub agents: fn(&str) -> Option<CommandOfAgents>,
     /// Requests the end of the daemon.
     pub shutdown: Shutdown,
 }
@@ -237,7 +241,7 @@ struct Share<'a> {
     /// The counts of this host itself, for the controller if this process is killed.
     counters: CounterFile,
     /// When other hosts were last dialled.
-    dialled: Option<Instant>,
+    dialled: Option<Stopwatch>,
     /// Number of agents that have not been started yet.
     starting: usize,
     /// True from the request to report that nothing is under way until that is so.
@@ -317,11 +321,10 @@ impl Share<'_> {
 
     /// Connects to hosts of higher number.
     fn dial(&mut self) {
-        let now = Instant::now();
-        if self.dialled.is_some_and(|last| now - last < LONGEST_WAIT) {
+        if self.dialled.is_some_and(|last| last.elapsed() < LONGEST_WAIT) {
             return;
         }
-        self.dialled = Some(now);
+        self.dialled = Some(Stopwatch::start());
         for host in self.node.to_dial().collect::<Vec<_>>() {
             let Some(socket) = self.assignment.sockets.get(host.index() - 1) else { continue };
             let connected = UnixStream::connect(socket).and_then(|mut stream| {

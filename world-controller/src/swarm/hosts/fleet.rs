@@ -3,6 +3,7 @@
 
 use super::messages::{Answer, Assignment, Opening, read_opening, write_opening};
 use super::node::{build, random};
+use crate::console::stopwatch::{Stopwatch, wait_until};
 use crate::swarm::SwarmOptions;
 use crate::swarm::run_dir::{RunDir, clean};
 use metamorph_module_agent::clock::page;
@@ -16,15 +17,13 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use thiserror::Error;
 
 /// The longest wait for a daemon to listen, and for its answer.
 const STARTING: Duration = Duration::from_secs(30);
 /// The longest wait for a daemon to end before it is killed.
 const ENDING: Duration = Duration::from_secs(10);
-/// The time between two looks at a daemon.
-const LOOK: Duration = Duration::from_millis(10);
 
 /// The reason why the daemons of a run are not to be had.
 #[derive(Debug, Error)]
@@ -120,20 +119,23 @@ impl Fleet {
 
     /// Connects to a daemon. One that was just started takes a moment to listen.
     fn connect(&mut self, socket: &Path) -> io::Result<UnixStream> {
-        let begun = Instant::now();
-        loop {
-            match UnixStream::connect(socket) {
-                Ok(stream) => return Ok(stream),
-                Err(e) if self.started.is_empty() || begun.elapsed() > STARTING => return Err(e),
-                Err(_) => {}
+        let mut connected = UnixStream::connect(socket);
+        let limit = if self.started.is_empty() { Duration::ZERO } else { STARTING };
+        wait_until(limit, || {
+            if connected.is_err() {
+                connected = UnixStream::connect(socket);
             }
-            for child in &mut self.started {
-                if let Some(status) = child.try_wait()? {
-                    return Err(io::Error::other(format!("the daemon ended with {status}")));
+            let ended = self.started.iter_mut().find_map(|child| child.try_wait().transpose());
+            match ended.filter(|_| connected.is_err()) {
+                None => connected.is_ok(),
+                Some(status) => {
+                    let why = status.map_or_else(|e| e.to_string(), |s| format!("the daemon ended with {s}"));
+                    connected = Err(io::Error::other(why));
+                    true
                 }
             }
-            std::thread::sleep(LOOK);
-        }
+        });
+        connected
     }
 }
 
@@ -153,17 +155,14 @@ fn start(program: &Path, socket: &Path) -> io::Result<Child> {
 impl Drop for Fleet {
     fn drop(&mut self) {
         self.streams.clear();
-        let begun = Instant::now();
+        let begun = Stopwatch::start();
         let mut killed = false;
         for child in &mut self.started {
-            while matches!(child.try_wait(), Ok(None)) {
-                if begun.elapsed() > ENDING {
-                    killed = true;
-                    let _ = child.kill();
-                    let _ = child.wait();
-                    break;
-                }
-                std::thread::sleep(LOOK);
+            let left = ENDING.saturating_sub(begun.elapsed());
+            if !wait_until(left, || !matches!(child.try_wait(), Ok(None))) {
+                killed = true;
+                let _ = child.kill();
+                let _ = child.wait();
             }
             killed |= !matches!(child.try_wait(), Ok(Some(status)) if status.success());
         }

@@ -220,7 +220,9 @@ pub fn markers(at: Time, markers: &[Marker]) -> Vec<u8> {
     for Marker { name, number, part, size, colour } in markers {
         cdr.header(at, WORLD).text(name).u32(*number).u32(CUBE).u32(0);
         cdr.f64s(part.centre().into()).rotation(part).f64s(*size);
-        colour.rgba().map(|c| cdr.f32(c).0.len());
+        for channel in colour.rgba() {
+            cdr.f32(channel);
+        }
         // Shown until replaced; no points, colours or texture.
         cdr.u32(0).u32(0).u8(0).u32(0).u32(0).text("").header(Time::ZERO, "").text("").u32(0).u32(0);
         // No text and no mesh.
