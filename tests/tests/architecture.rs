@@ -225,7 +225,7 @@ fn the_wait_loop_and_the_controller_loop_name_no_transport() {
 
 /// The folders of families, and the places outside of them that may name a family: benchmarks and published
 /// experiments are about one family each, and the command line has a command of one.
-const OF_FAMILIES: [&str; 13] = [
+const OF_FAMILIES: [&str; 14] = [
     "protocol/src/cube",
     "protocol/src/metamodule",
     "protocol/src/free_module",
@@ -240,6 +240,7 @@ const OF_FAMILIES: [&str; 13] = [
     // Commands about structures of free modules.
     "world-controller/src/plan",
     "world-controller/src/structure",
+    "world-controller/src/learn",
 ];
 
 #[test]
