@@ -30,7 +30,7 @@ fn try_main() -> Result<(), Box<dyn Error>> {
     {
         let agents = |_: &str| Some((std::env::current_exe().ok()?, Vec::new()));
         let (socket, shutdown) = (socket.into(), Shutdown::new());
-        return Ok(daemon(&DaemonOptions { socket, once: true, agents, shutdown })?);
+        return Ok(daemon(&DaemonOptions { build: 0, socket, once: true, agents, shutdown })?);
     }
     Ok(run::<Probe>(&AgentArgs::parse(std::env::args_os().skip(1))?)?)
 }

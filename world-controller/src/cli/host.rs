@@ -5,7 +5,7 @@ use crate::console::interrupt::Interrupt;
 use crate::console::shutdown::Shutdown;
 use crate::console::terminal::print_error;
 use crate::family;
-use crate::swarm::{DaemonError, DaemonOptions, daemon};
+use crate::swarm::{DaemonError, DaemonOptions, build, daemon};
 use clap::Args;
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -50,7 +50,7 @@ pub fn host(args: HostArgs, interrupt: &Interrupt) -> Result<u8, Failure> {
     if !args.once {
         print_error(&format!("listening on {}; Ctrl-C ends it", args.listen.display()));
     }
-    daemon(&DaemonOptions { socket: args.listen, once: args.once, agents, shutdown })?;
+    daemon(&DaemonOptions { build: build(), socket: args.listen, once: args.once, agents, shutdown })?;
     Ok(0)
 }
 

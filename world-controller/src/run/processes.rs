@@ -18,7 +18,7 @@ use crate::scenario::Plan;
 use crate::scenario::family::Families;
 use crate::swarm::{
     CleanError, Crash, FULL, HostsFile, HostsOptions, Meter, NotResumable, Resumption, SwarmError,
-    SwarmOptions, SwarmOutcome, WATCH, adopt, clean, resume_swarm, run_swarm,
+    SwarmOptions, SwarmOutcome, WATCH, adopt, build, clean, resume_swarm, run_swarm,
 };
 use metamorph_module_agent::clock::Speed;
 use metamorph_module_agent::journal_file::{Head, Parts, Reader, RunId, controller_part};
@@ -154,7 +154,7 @@ fn options<R: Runnable>(swarm: &R, plan: &Plan, parts: Option<&Parts>) -> Result
         speed: speed(plan.time_scale),
         tolerance: swarm.time_step() / TOLERATED,
         link: plan.link.clone(),
-        hosts: HostsOptions { family: swarm.family().to_owned(), ..HostsOptions::default() },
+        hosts: HostsOptions { build: build(), family: swarm.family().to_owned(), ..HostsOptions::default() },
         // An interrupt during the setup ends the swarm at once.
         catch_signals: true,
         watcher: Some((program.clone(), vec![WATCH.into()])),

@@ -23,7 +23,9 @@ mod signals;
 mod supervisor;
 mod watch;
 
-pub use crate::swarm::hosts::{DaemonError, DaemonOptions, HostsFile, HostsFileError, HostsOptions, daemon};
+pub use crate::swarm::hosts::{
+    DaemonError, DaemonOptions, HostsFile, HostsFileError, HostsOptions, build, daemon,
+};
 pub use crate::swarm::links::{descriptor_limit, descriptors_needed};
 pub use crate::swarm::memory::run_in_memory;
 pub use crate::swarm::meter::Meter;

@@ -4,7 +4,7 @@
 
 use super::messages::{Account, Answer, Assignment, Opening, Sent, ToController, ToDaemon};
 use super::messages::{read_opening, write_opening};
-use super::node::{Node, build};
+use super::node::Node;
 use crate::console::shutdown::{Shutdown, Urgency};
 use crate::console::stopwatch::Stopwatch;
 use crate::swarm::launcher::{Event, Launcher};
@@ -51,6 +51,8 @@ pub type CommandOfAgents = (PathBuf, Vec<OsString>);
 
 /// How a daemon runs.
 pub struct DaemonOptions {
+    /// The build of the program (see [`build`](super::build)); runs of another build are refused.
+    pub build: u64,
     /// The address on which it listens.
     pub socket: PathBuf,
     /// True if it ends after one run, or with the process that started it.
@@ -185,7 +187,7 @@ fn serve(
 /// Checks an assignment and creates what serving it needs. The error is for people at the controller.
 fn prepare<'a>(options: &DaemonOptions, assignment: &'a Assignment) -> Result<Share<'a>, String> {
     let Assignment { host, hosts, count, family, swarm, clock, .. } = assignment;
-    if assignment.build != build() {
+    if assignment.build != options.build {
         return Err("it runs another build of the program".to_owned());
     }
     let Some((program, args)) = (options.agents)(family) else {

@@ -2,7 +2,7 @@
 //! its share of the swarm.
 
 use super::messages::{Answer, Assignment, Opening, read_opening, write_opening};
-use super::node::{build, random};
+use super::node::random;
 use crate::console::stopwatch::{Stopwatch, wait_until};
 use crate::swarm::SwarmOptions;
 use crate::swarm::run_dir::{RunDir, clean};
@@ -75,7 +75,7 @@ impl Fleet {
         let own = Assignment {
             run: random().map_err(FleetError::Prepare)?,
             secret: [random().map_err(FleetError::Prepare)?, random().map_err(FleetError::Prepare)?],
-            build: build(),
+            build: options.hosts.build,
             host: HostId::CONTROLLER,
             hosts: Arc::clone(hosts),
             // Invariant: a swarm has at most 16,000 modules.

@@ -18,6 +18,7 @@ pub use backend::{Hosts, backend};
 pub use daemon::{DaemonError, DaemonOptions, daemon};
 pub use fleet::{Fleet, FleetError};
 pub use hosts_file::{HostsFile, HostsFileError};
+pub use node::build;
 
 use metamorph_protocol::host_link::Timing;
 use std::path::PathBuf;
@@ -27,6 +28,8 @@ use std::path::PathBuf;
 pub struct HostsOptions {
     /// The sockets of the daemons of h2, h3, ...; empty if the controller starts them itself.
     pub sockets: Vec<PathBuf>,
+    /// The build of the program (see [`build`]); daemons of another build refuse the run.
+    pub build: u64,
     /// The times of the links between hosts.
     pub timing: Timing,
     /// The family of the agents, by which a daemon chooses what to start.

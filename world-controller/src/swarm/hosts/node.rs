@@ -365,13 +365,14 @@ impl<L: Link> Node<L> {
 
 impl Peer {
     fn new(assignment: &Assignment, peer: HostId, life: Life) -> Peer {
-        let Assignment { host, run, secret, swarm, silent_and_fence: (silent, fence), .. } = assignment;
+        let Assignment { host, run, secret, build, swarm, silent_and_fence: (silent, fence), .. } =
+            assignment;
         let role = match (*host, peer) {
             (HostId::CONTROLLER, _) => Role::Guardian,
             (_, HostId::CONTROLLER) => Role::Ward,
             _ => Role::Equal,
         };
-        let terms = Terms { program: PROGRAM, build: build(), swarm: digest(swarm), room: u32::MAX };
+        let terms = Terms { program: PROGRAM, build: *build, swarm: digest(swarm), room: u32::MAX };
         let timing = Timing { silent: *silent, fence: *fence, batch: Span(0), ..Timing::default() };
         let config = Config {
             host: *host,
