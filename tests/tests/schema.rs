@@ -49,6 +49,9 @@ loss = "5%"
 duplicate = 0.01
 reorder = "1/50"
 corrupt = 0
+[link.controller]
+delay = "20ms..50ms"
+loss = "5%"
 [link.between_hosts]
 hosts = [20, 18]
 delay = "20ms"
@@ -115,6 +118,28 @@ types = "1"
 shape = "ell:2"
 [protocol]
 weight = 2
+"#;
+
+/// Every table of elements.
+const ELEMENTS: &str = r#"
+version = 1
+[swarm]
+family = "metamodule"
+count = 5
+floor = { min = [0, 0], max = [15, 12] }
+[[swarm.element]]
+shape = "plate3x3"
+at = { cell = [4, 5, 0] }
+to = { cell = [8, 5, 4] }
+[[goal]]
+levels = [[
+    { foot = [8, 5], directions = ["up", "up", "up"] },
+    { foot = [10, 5], directions = ["up", "up", "up"] },
+    { foot = [10, 7], directions = ["up", "up", "up"] },
+    { foot = [8, 7], directions = ["up", "up", "up"] },
+]]
+[protocol]
+strategy = "planned"
 "#;
 
 /// Every table that metamodules can have besides.
@@ -191,6 +216,7 @@ fn tables() -> Vec<(&'static str, &'static str, &'static str, Vec<&'static str>)
     vec![
         (CUBES, "", "", vec![]),
         (CUBES, "link.", "link", vec![]),
+        (CUBES, "link.controller.", "controller-link", vec![]),
         (CUBES, "link.between_hosts.", "between_hosts", vec![]),
         (CUBES, "link.between_hosts.pair.0.", "host-pair", vec![]),
         (CUBES, "process.", "process", vec![]),
@@ -225,6 +251,8 @@ fn tables() -> Vec<(&'static str, &'static str, &'static str, Vec<&'static str>)
         (METAMODULES, "protocol.precedence.", "precedence", vec![]),
         (METAMODULES, "protocol.repulsion.", "repulsion", vec![]),
         (METAMODULES, "fault.0.", "obstacle", fault("obstacle")),
+        (ELEMENTS, "swarm.element.0.", "element", vec![]),
+        (ELEMENTS, "swarm.element.0.at.", "lying", vec![]),
         (FREE_MODULES, "swarm.", "free-moduleSwarm", vec![]),
         (FREE_MODULES, "goal.0.", "free-moduleGoal", vec![]),
         (FREE_MODULES, "protocol.", "free-moduleProtocol", vec![]),
@@ -244,7 +272,7 @@ fn every_shipped_scenario_is_valid() {
 #[test]
 fn the_reader_and_the_schema_know_the_same_keys() {
     let (schema, validator) = (schema(families()), validator());
-    for text in [CUBES, METAMODULES, FREE_MODULES] {
+    for text in [CUBES, METAMODULES, ELEMENTS, FREE_MODULES] {
         assert!(errors_of(text, "version=1").is_empty(), "{:?}", errors_of(text, "version=1"));
         let errors: Vec<String> = validator
             .iter_errors(&document(text, None))
@@ -344,7 +372,7 @@ fn the_reader_and_the_schema_know_the_same_names() {
 }
 
 /// Each table with defaults: its place in a smallest scenario, and its definition in the schema.
-const SMALLEST: [(&str, &str, &str); 18] = [
+const SMALLEST: [(&str, &str, &str); 20] = [
     (SMALLEST_OF_CUBES, "", ""),
     (SMALLEST_OF_CUBES, "link", "link"),
     (SMALLEST_OF_CUBES, "process", "process"),
@@ -360,6 +388,8 @@ const SMALLEST: [(&str, &str, &str); 18] = [
     (SMALLEST_OF_METAMODULES, "goal.0", "metamoduleGoal"),
     (SMALLEST_OF_METAMODULES, "protocol", "metamoduleProtocol"),
     (LISTED, "swarm.start.0", "place"),
+    (ELEMENTS, "swarm.element.0", "element"),
+    (ELEMENTS, "swarm.element.0.at", "lying"),
     (SMALLEST_OF_FREE_MODULES, "swarm", "free-moduleSwarm"),
     (SMALLEST_OF_FREE_MODULES, "goal.0", "free-moduleGoal"),
     (SMALLEST_OF_FREE_MODULES, "protocol", "free-moduleProtocol"),

@@ -33,7 +33,7 @@ pub struct DiffArgs {
     #[arg(long, value_name = "KEY")]
     pub by: Vec<String>,
     /// Of sweeps: draw the differences with their intervals to this file, as SVG (a forest plot); differences of
-    /// numbers are shares of the median in A
+    /// numbers are shares of the median in A; default: none
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
     /// Write the comparison as JSON to a file, or to standard output with `-` (text for people then goes to

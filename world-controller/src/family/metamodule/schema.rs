@@ -64,7 +64,7 @@ fn swarm() -> Value {
             "turn_time": or(BEAT.to_string(), of("time")),
             "failed_connections": seldom(),
             "element": said(
-                "Passive elements that metamodules carry, with `strategy = \"planned\"`.",
+                "Passive elements that metamodules carry, with `strategy = \"planned\"`. If left out, there are none.",
                 json!({ "type": "array", "maxItems": MAX_ELEMENTS, "items": of("element") }),
             ),
         }),
