@@ -181,9 +181,10 @@ mod tests {
     /// Each commented key can be set as it is, but for those that contradict what is set.
     #[test]
     fn commented_keys_can_be_set() {
-        // `seed` depends on the shape, `levels` is instead of it, `at` is of further goals, and the others are for
-        // other strategies.
-        let contradict = ["seed", "levels", "at", "precedence", "settled_repel", "repulsion", "fallback"];
+        // `seed` depends on the shape, `levels` is instead of it, `at` is of further goals, `joints_deg` is instead of
+        // `types`, and the others are for other strategies.
+        let contradict =
+            ["seed", "levels", "at", "joints_deg", "precedence", "settled_repel", "repulsion", "fallback"];
         let mut set = 0;
         for (family, base) in BASES {
             let text = made(base, false);
