@@ -128,13 +128,15 @@ image() {
     need buildah buildah
     local root=$work/root container file=$out/$name.oci.tar
     mmdebstrap --quiet --variant=minbase --include=libgcc-s1 "$(. /etc/os-release && echo "$VERSION_CODENAME")" "$root"
+    # What is only there to install more.
+    rm -rf "$root"/var/lib/apt/lists/* "$root"/var/cache/apt/*
     lay_out "$work/tree/usr"
     container=$(buildah from scratch)
     buildah add --quiet "$container" "$root" / >/dev/null
     buildah add --quiet "$container" "$work/tree" / >/dev/null
     buildah config --entrypoint '["metamorph"]' --cmd --help --workingdir /work "$container"
     buildah run --isolation chroot "$container" -- metamorph run swarm --link sim --quiet
-    buildah commit --quiet --rm --timestamp "$SOURCE_DATE_EPOCH" "$container" "oci-archive:$file:metamorph:$version" >/dev/null
+    buildah commit --quiet --rm --disable-compression=false --timestamp "$SOURCE_DATE_EPOCH" "$container" "oci-archive:$file:metamorph:$version" >/dev/null
     echo "$file; start it with --shm-size: metamorph doctor --modules N says how much a swarm needs"
 }
 

@@ -4,6 +4,7 @@
 use crate::process::args::{AgentArgs, ArgsError};
 use crate::process::start::{AgentError, run};
 use metamorph_protocol::cube::Cube;
+use metamorph_protocol::free_module::gait::FreeModule;
 use metamorph_protocol::free_module::reconfiguration::LatticeModule;
 use metamorph_protocol::metamodule::Metamodule;
 use std::ffi::OsString;
@@ -19,11 +20,14 @@ pub enum Family {
     Metamodule,
     /// Single Roombots modules that rebuild their structure.
     FreeModule,
+    /// Single Roombots modules that walk as one structure.
+    WalkingModule,
 }
 
 impl Family {
     /// All families.
-    pub const ALL: [Family; 3] = [Family::Cube, Family::Metamodule, Family::FreeModule];
+    pub const ALL: [Family; 4] =
+        [Family::Cube, Family::Metamodule, Family::FreeModule, Family::WalkingModule];
 
     /// Returns the name.
     pub const fn name(self) -> &'static str {
@@ -31,6 +35,7 @@ impl Family {
             Family::Cube => "cube",
             Family::Metamodule => "metamodule",
             Family::FreeModule => "free-module",
+            Family::WalkingModule => "walking-module",
         }
     }
 
@@ -43,6 +48,7 @@ impl Family {
             Family::Cube => run::<Cube>(args),
             Family::Metamodule => run::<Metamodule>(args),
             Family::FreeModule => run::<LatticeModule>(args),
+            Family::WalkingModule => run::<FreeModule>(args),
         }
     }
 }

@@ -147,7 +147,7 @@ pub enum Event {
     },
     /// Director, output: a command to the driver.
     Command(Command<Blob>),
-    /// Director, output: a fault of the scenario was injected.
+    /// Director, output: a fault was injected.
     Injected {
         /// The fault, in the words of reports.
         fault: String,
@@ -155,6 +155,8 @@ pub enum Event {
         module: Option<ModuleId>,
         /// The cell that it hit.
         cell: Option<Cell>,
+        /// The origin, in the words of reports.
+        by: String,
         /// The effect, in the words of reports.
         effect: String,
     },

@@ -9,6 +9,7 @@ use metamorph_world_controller::family::metamodule::motion_database::database;
 use metamorph_world_controller::family::run_simulated;
 use metamorph_world_controller::record::journal::JournalSession;
 use metamorph_world_controller::report::schema::Report;
+use metamorph_world_controller::run::PageChannels;
 use metamorph_world_controller::scenario::Plan;
 use std::path::Path;
 use std::sync::OnceLock;
@@ -27,7 +28,7 @@ pub fn geometry(plan: &Plan) -> Option<Geometry> {
 pub fn record(plan: &Plan, journal: &Path) -> Report {
     let keeping = JournalSession::simulated(journal, plan).expect("a journal can be begun");
     let (interrupt, mut live) = (Interrupt::default(), Live::new(false));
-    run_simulated(plan, &interrupt, &mut live, Stopwatch::start(), Some(keeping), None)
+    run_simulated(plan, &interrupt, &mut live, Stopwatch::start(), Some(keeping), PageChannels::default())
 }
 
 /// Simulates a plan and checks the positions of its bodies.

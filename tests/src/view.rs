@@ -24,6 +24,8 @@ pub struct View {
     pub process: Child,
     /// The address that it printed.
     pub address: String,
+    /// The secret for commands, if the run can be controlled.
+    pub secret: String,
 }
 
 impl View {
@@ -36,22 +38,35 @@ impl View {
     /// Starts a command that shows a run.
     pub fn start(args: &[&str]) -> View {
         let mut command = command(args);
-        // The standard output of a run is for its report.
+        // The standard output of a run is for its report, that of a plan for the answer.
         let process = match args[0] {
-            "run" => command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn(),
+            "run" | "plan" => command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn(),
             _ => command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn(),
         };
-        let mut view = View { process: process.expect("metamorph starts"), address: String::new() };
+        let mut view = View {
+            process: process.expect("metamorph starts"),
+            address: String::new(),
+            secret: String::new(),
+        };
         let pipes = (view.process.stdout.take(), view.process.stderr.take());
         let said: Box<dyn Read + Send> = match pipes {
             (Some(out), _) => Box::new(out),
             (_, err) => Box::new(err.unwrap()),
         };
         let mut lines = BufReader::new(said).lines().map_while(Result::ok);
-        let address = lines.find_map(|line| {
-            line.split_whitespace().find(|word| word.starts_with("http://")).map(str::to_owned)
-        });
-        view.address = address.expect("the address is printed");
+        let mut address = || {
+            let found = lines.find_map(|line| {
+                line.split_whitespace().find(|word| word.starts_with("http://")).map(str::to_owned)
+            });
+            found.expect("the address is printed")
+        };
+        view.address = address();
+        if args.contains(&"--control") {
+            let (looking, secret) =
+                address().split_once("#c=").map(|(a, b)| (a.to_owned(), b.to_owned())).unwrap();
+            assert_eq!(looking, view.address);
+            view.secret = secret;
+        }
         // Further output must be read.
         std::thread::spawn(move || lines.for_each(drop));
         view
@@ -63,13 +78,34 @@ impl View {
         rest.split_at(rest.find('/').unwrap())
     }
 
-    /// Returns the answer to a raw request.
-    pub fn raw(&self, request: &str) -> (u16, String) {
+    /// Returns the bytes of the answer to a raw request.
+    fn bytes(&self, request: &[u8]) -> Vec<u8> {
         let mut stream = TcpStream::connect(self.parts().0).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
-        stream.write_all(request.as_bytes()).unwrap();
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer).unwrap();
+        stream.write_all(request).unwrap();
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).unwrap();
+        answer
+    }
+
+    /// Returns the head and the content of the answer to a request of a path below the token.
+    pub fn content(&self, path: &str) -> (String, Vec<u8>) {
+        let (host, root) = self.parts();
+        let request = format!("GET {root}{path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n");
+        let mut head = self.bytes(request.as_bytes());
+        let end = head.windows(4).position(|bytes| bytes == b"\r\n\r\n").expect("a head");
+        let content = head.split_off(end + 4);
+        (String::from_utf8(head).unwrap(), content)
+    }
+
+    /// Returns the answer to a raw request.
+    pub fn raw(&self, request: &str) -> (u16, String) {
+        self.raw_bytes(request.as_bytes())
+    }
+
+    /// Returns the answer to a raw request that need not be text.
+    pub fn raw_bytes(&self, request: &[u8]) -> (u16, String) {
+        let answer = String::from_utf8(self.bytes(request)).unwrap();
         let status = answer.split(' ').nth(1).and_then(|code| code.parse().ok());
         (status.unwrap_or_else(|| panic!("no HTTP: {answer}")), answer)
     }
@@ -78,6 +114,20 @@ impl View {
     pub fn get(&self, path: &str, headers: &str) -> (u16, String) {
         let host = self.parts().0;
         self.raw(&format!("GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n{headers}\r\n"))
+    }
+
+    /// Returns the answer to commands, with everything that a page of this server would say.
+    pub fn post(&self, body: &str) -> (u16, serde_json::Value) {
+        let (host, root) = self.parts();
+        let (status, answer) = self.raw(&format!(
+            "POST {root}command HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nSec-Fetch-Site: same-origin\r\n\
+             Content-Type: application/json\r\nAuthorization: Bearer {}\r\nContent-Length: {}\r\n\
+             Connection: close\r\n\r\n{body}",
+            self.secret,
+            body.len()
+        ));
+        let body = answer.split_once("\r\n\r\n").map_or("", |(_, body)| body);
+        (status, serde_json::from_str(body).unwrap_or_default())
     }
 
     /// Sends Ctrl-C, and returns the exit code.

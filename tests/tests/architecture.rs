@@ -155,12 +155,14 @@ const LAYERS: [(&str, &[&str]); 4] = [
         &[
             "console",
             "scenario",
+            "control",
             "swarm",
             "report",
             "record",
             "view",
             "run",
             "plan",
+            "gait",
             "family",
             "structure",
             "experiments",
@@ -225,7 +227,7 @@ fn the_wait_loop_and_the_controller_loop_name_no_transport() {
 
 /// The folders of families, and the places outside of them that may name a family: benchmarks and published
 /// experiments are about one family each, and the command line has a command of one.
-const OF_FAMILIES: [&str; 14] = [
+const OF_FAMILIES: [&str; 15] = [
     "protocol/src/cube",
     "protocol/src/metamodule",
     "protocol/src/free_module",
@@ -239,6 +241,7 @@ const OF_FAMILIES: [&str; 14] = [
     "world-controller/src/cli",
     // Commands about structures of free modules.
     "world-controller/src/plan",
+    "world-controller/src/gait",
     "world-controller/src/structure",
     "world-controller/src/learn",
 ];

@@ -295,6 +295,7 @@ fn impossible_events_of_metamodules_are_found() {
         fault: "block [0, 0, 0]".into(),
         module: None,
         cell: Some(Cell::new(0, 0, 0)),
+        by: "scenario".into(),
         effect: format!("[0, 0, 0]: {effect}"),
     };
     let with = |effect| [journal.records.clone(), vec![event(there(effect))]].concat();
@@ -303,8 +304,8 @@ fn impossible_events_of_metamodules_are_found() {
     let cells = (0..13).flat_map(|x| (0..13).map(move |y| (x, y)));
     let met = cells.filter(|(x, y)| {
         let fault = format!("block [{x}, {y}, 0]");
-        let obstacle =
-            Event::Injected { fault, module: None, cell: None, effect: "the cell was free".into() };
+        let (by, effect) = ("scenario".into(), "the cell was free".into());
+        let obstacle = Event::Injected { fault, module: None, cell: None, by, effect };
         let records = [journal.records.clone(), vec![event(obstacle)]].concat();
         journal.rule(&records) == Some(Rule::OneBodyPerCell)
     });

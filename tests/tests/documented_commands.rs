@@ -18,7 +18,7 @@ use std::process::{Command, Stdio};
 const WATCHDOG: &str = "180";
 
 /// Beginnings of commands that are not run, and why. Those of `metamorph` must still have valid arguments.
-const EXCEPTIONS: [(&str, &str); 23] = [
+const EXCEPTIONS: [(&str, &str); 26] = [
     ("cargo install", "needs a release build; deploy/package.sh tries the program elsewhere"),
     ("podman", "needs a container engine; deploy/package.sh starts the image by buildah"),
     ("cargo test", "runs all tests, of which this is one"),
@@ -34,6 +34,12 @@ const EXCEPTIONS: [(&str, &str); 23] = [
     ("git clone", "needs the network"),
     ("cat > election.toml", "a scenario of the program of deploy/tutorial, whose tests run one"),
     ("pip install", "builds the Python package; deploy/python/test installs it"),
+    ("metamorph run swarm --view", "serves until it is interrupted; tests/tests/commands.rs runs it"),
+    (
+        "metamorph export swarm.journal --commands",
+        "needs the journal of such a run; tests/tests/commands.rs runs it",
+    ),
+    ("metamorph run session.toml", "needs that export; tests/tests/commands.rs runs it"),
     ("metamorph view", "serves until it is interrupted; tests/tests/view_server.rs runs it"),
     ("metamorph check my.toml", "a file of the reader"),
     ("metamorph diff results others", "sweeps of the reader"),

@@ -95,7 +95,7 @@ fn impossible_scenarios_are_refused() {
         ("start = \"line:4\"\ntypes = \"0x\"", "loop:3x3", "`0x` are not the types of 3 connections"),
         ("start = \"line:2\"\njoints_deg = [[0, 0, 0]]", "ell:2", "lists 1 modules, and the start has 2"),
         ("start = \"line:1\"\njoints_deg = [[0, 45, 0]]", "line:1", "module 0: "),
-        ("start = \"line:2\"\nbody = \"physics\"", "ell:2", "unknown body `physics`"),
+        ("start = \"line:2\"\nbody = \"clay\"", "ell:2", "unknown body `clay`"),
         ("start = \"line:2\"\nkind = \"SRS\"", "ell:2", "for the family `metamodule`"),
         ("", "ell:2", "has no `start`"),
     ];
@@ -104,6 +104,7 @@ fn impossible_scenarios_are_refused() {
     }
     let more = [
         ("[protocol]\nweight = 0.5", "weight is 0.5"),
+        ("[protocol]\ntrials = 3", "`trials` is for body physics"),
         ("[protocol]\nwork = 0", "work is 0"),
         ("[protocol]\nmemory_mib = 1", "memory_mib is 1"),
         ("[protocol]\nstrategy = \"greedy\"", "unknown strategy `greedy`"),

@@ -2,9 +2,11 @@
 //! frozen. Nothing is left behind on any host.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
+use metamorph_module_agent::journal_file::Reader;
 use metamorph_module_agent::run_dir::identity::Identity;
 use metamorph_tests::chaos::{left_of, root_of, signal_to, wait_until};
 use metamorph_tests::command::{command, report, run, run_processes, scenario};
+use metamorph_world_controller::record::journal::{Event, parts_of};
 use metamorph_world_controller::report::schema::Report;
 use metamorph_world_controller::swarm::{RunDir, clean};
 use rustix::process::Signal;
@@ -57,7 +59,7 @@ impl Daemons {
         signal_to(self.children[i].id() as i32, signal);
     }
 
-    /// Runs the scenario `swarm` on the hosts; `disturb` is called when all agents of h2 are up.
+    /// Runs the scenario `swarm` on the hosts; `disturb` is called when all agents of h2 are up and the first has acted.
     fn run(&self, disturb: impl FnOnce()) -> Report {
         let (hosts, journal) = (self.path("hosts.toml"), self.path("run.journal"));
         let swarm = scenario("swarm.toml").display().to_string();
@@ -70,6 +72,12 @@ impl Daemons {
             wait_until("the agents of h2 to work", || {
                 let agents = root_of(h2).map(|root| fs::read_dir(root.join("ledgers")));
                 agents.and_then(Result::ok).is_some_and(|agents| agents.count() > OF_H2.len())
+            });
+            // A host that is lost before the run begins ends it.
+            let controller = parts_of(Path::new(&journal)).join("controller");
+            wait_until("the run to begin", || {
+                let records = Reader::open(&controller).into_iter().flatten();
+                records.map_while(Result::ok).any(|record| matches!(record.event, Event::Act { .. }))
             });
             disturb();
             ran.join().unwrap()

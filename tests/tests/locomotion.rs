@@ -152,3 +152,38 @@ fn the_table_of_parameters_is_reproduced() {
     assert_eq!((&differ[0]["what"], &differ[0]["published"]), (&json!("quad5-unsym, sym"), &json!("30")));
     assert!(differ[0]["ours"].as_str().unwrap().starts_with("32 "), "{all}");
 }
+
+/// Learning curves of gait files stand beside table 7.5.
+#[test]
+fn learning_curves_are_compared() {
+    let directory = tempfile::tempdir().unwrap();
+    let files = ["fo", "blf"].map(|network| {
+        let file = directory.path().join(network).display().to_string();
+        let study = [
+            "learn",
+            "quad5-sym",
+            "--trial",
+            "5s",
+            "--fitness",
+            "thesis",
+            "--trials",
+            "3",
+            "--seeds",
+            "1..4",
+        ];
+        let ran = run(&[&study[..], &["--network", network, "--write", &file]].concat());
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+        file
+    });
+    let all = answer(&["reproduce", "thesis-7", "--gaits", &files.join(",")]);
+    let rows = all["planners"][0]["rows"].as_array().unwrap();
+    let row =
+        |what: &str| rows.iter().find(|r| r["what"] == *what).unwrap_or_else(|| panic!("{what}: {all}"));
+    assert_eq!(rows.len(), 15, "{all}");
+    assert_eq!(row("quad5-sym, fo: speed by trials")["published"], "5 after 400");
+    let differ = row("quad5-sym, fo and blf differ until");
+    assert_eq!(differ["published"], "iteration 32 (trial 2560)");
+    assert!(differ["ours"].as_str().unwrap().contains("trial"), "{differ}");
+    let ran = run(&["reproduce", "thesis-7", "--gaits", "nowhere.json"]);
+    assert!(ran.code == Some(2) && ran.err.contains("--gaits nowhere.json"), "{ran:?}");
+}

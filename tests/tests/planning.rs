@@ -1,10 +1,15 @@
 //! `metamorph plan` as a user runs it: answers, exit codes, plan files, and every bad input.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
-use metamorph_tests::command::{Ran, run};
+use metamorph_tests::command::{Ran, command, run};
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
 use std::fs;
+use std::io::Read;
 use std::path::Path;
+use std::process::Stdio;
+use std::thread::park_timeout;
+use std::time::Duration;
 
 fn refused(args: &[&str], parts: &[&str]) {
     let ran = run(args);
@@ -179,7 +184,10 @@ fn bad_options_are_refused_with_place_reason_and_fix() {
     refused(&plan(&["line:4", "--weight", "-1"]), &["--weight -1"]);
     refused(&plan(&["line:4", "--weight", "x"]), &["this is not a number"]);
     refused(&plan(&["line:4", "--weight", "2", "--planner", "ara"]), &["this planner has no single weight"]);
-    refused(&plan(&["line:4", "--memory", "1MiB"]), &["--memory 1MiB", "a search needs"]);
+    refused(&plan(&["line:4", "--memory", "1MiB"]), &["--memory 1MiB", "less than a search needs", "16MiB"]);
+    refused(&plan(&["line:4", "--memory", "15MiB"]), &["--memory 15MiB", "at least 16MiB"]);
+    refused(&plan(&["line:4", "--weight", "101"]), &["--weight 101", "at most 100"]);
+    refused(&plan(&["line:4", "--weight", "inf"]), &["--weight inf", "at most 100"]);
     refused(&plan(&["line:4", "--memory", "-5"]), &["--memory -5", "not a size"]);
     refused(&plan(&["line:4", "--memory", "99999999999GiB"]), &["more than a machine has"]);
     refused(&plan(&["line:4", "--timeout", "60"]), &["--timeout 60"]);
@@ -337,4 +345,121 @@ fn planners_of_the_sources_are_reproduced() {
     }
     assert!(!all["planners"][3].to_string().contains("violation"), "{all}");
     refused(&["reproduce", "4.1", "on-grid"], &["on-grid: this experiment of a planner is not a sweep"]);
+}
+
+/// Options that have no effect on the question are refused, and so are numbers out of range, before any search.
+#[test]
+fn options_without_effect_are_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let plan = write(directory.path(), "plan.json", "{}");
+    let line = ["plan", "--from", "line:4", "--to", "loop:3x3"];
+    let cases: [(&[&str], &str); 12] = [
+        (&["plan", "--check", &plan, "--seed", "1"], "cannot be used with"),
+        (&["plan", "--check", &plan, "--weight", "2"], "cannot be used with"),
+        (&["plan", "--check", &plan, "--json", "-"], "cannot be used with"),
+        (&["plan", "--distance", "line:4", "ell:4", "--collision", "core"], "cannot be used with"),
+        (&["plan", "--recognise", "line:4", "--work", "3"], "cannot be used with"),
+        (&["plan", "--recognise", "line:4", "--view"], "cannot be used with"),
+        (&["plan", "--count", "line:3", "--planner", "ara"], "cannot be used with"),
+        (&["plan", "--count", "line:3", "--timeout", "5"], "--timeout 5"),
+        (&[&line[..], &["--types", "000", "--seed", "1"]].concat(), "cannot be used with"),
+        (&[&line[..], &["--port", "8080"]].concat(), "--view"),
+        (&[&line[..], &["--seed", "-1"]].concat(), "invalid value '-1' for '--seed"),
+        (&[&line[..], &["--work", "-1"]].concat(), "invalid value '-1' for '--work"),
+    ];
+    for (args, reason) in cases {
+        let ran = run(args);
+        assert!(ran.code == Some(2) && ran.out.is_empty() && ran.err.contains(reason), "{args:?}: {ran:?}");
+    }
+}
+
+/// A plan that is too large, has no end or is cut anywhere is refused by its place.
+#[test]
+fn plan_files_that_are_no_plans_are_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("plan.json").display().to_string();
+    assert_eq!(run(&["plan", "--from", "line:2", "--to", "line:2", "-o", &file]).code, Some(0));
+    let text = fs::read_to_string(&file).unwrap();
+    let plan: Value = serde_json::from_str(&text).unwrap();
+    let changed = |change: &dyn Fn(&mut Value)| {
+        let mut other = plan.clone();
+        change(&mut other);
+        other.to_string()
+    };
+    let turn = |turn: Value| json!([{ "do": { "turn": turn }, "after": [], "from": "", "to": "" }]);
+    let deep = "[".repeat(1_000_000);
+    let cases = [
+        ("empty", String::new(), 2, "line 1, column 0"),
+        ("cut", text[..text.len() - 3].to_owned(), 2, "EOF while parsing an object"),
+        ("deep", deep.clone(), 2, "line 1, column 1"),
+        (
+            "deeper",
+            format!("{{ \"format\": \"metamorph plan\", \"version\": 1, \"x\": {deep}"),
+            2,
+            "line 1, column",
+        ),
+        ("older", changed(&|p| p["version"] = json!(0)), 2, "version 0, not `metamorph plan` version 1"),
+        ("huge", changed(&|p| p["cost"] = json!(1e300)), 2, "expected u32"),
+        ("negative", changed(&|p| p["cost"] = json!(-1)), 2, "expected u32"),
+        ("module", changed(&|p| p["actions"] = turn(json!([u64::MAX, 1, 120]))), 8, "action 0"),
+        ("degrees", changed(&|p| p["actions"] = turn(json!([0, 1, 32_768]))), 2, "expected i16"),
+        (
+            "angles",
+            changed(&|p| p["start"]["modules"][0]["joints_deg"] = json!([0, 0])),
+            2,
+            "a module is two cells",
+        ),
+        ("none", changed(&|p| p["start"]["modules"] = json!([])), 2, "start: the structure has no modules"),
+    ];
+    for (name, text, code, reason) in cases {
+        let file = write(directory.path(), &format!("{name}.json"), &text);
+        let ran = run(&["plan", "--check", &file]);
+        let told = ran.err.contains(name) && ran.err.contains(reason) && ran.err.contains("fix: ");
+        assert!(ran.code == Some(code) && ran.out.is_empty() && told, "{name}: {ran:?}");
+    }
+    let long = directory.path().join("long.json");
+    fs::File::create(&long).unwrap().set_len(1 << 30).unwrap();
+    let written = "that `metamorph plan -o FILE` has written";
+    refused(&["plan", "--check", &long.display().to_string()], &["long.json", "longer than", written]);
+    refused(&["plan", "--check", "/dev/zero"], &["/dev/zero", "a device", written]);
+}
+
+/// Counting ends at its time limit.
+#[test]
+fn counting_stops_at_a_limit() {
+    let (ran, counted) = answer(&["plan", "--count", "line:6", "--timeout", "200ms"]);
+    assert_eq!((ran.code, &counted["configurations"]["complete"]), (Some(0), &json!(false)), "{ran:?}");
+}
+
+/// Whenever a search is cancelled, it answers with a valid plan or says that there is none, and with a bound.
+#[test]
+fn a_cancelled_search_has_a_valid_plan_or_none() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("plan.json").display().to_string();
+    let base =
+        ["plan", "--from", "tree:5x3", "--to", "line:5", "--collision", "final", "--quiet", "--json", "-"];
+    for after in [0, 1, 40, 300, 1_000, 3_000] {
+        let mut child =
+            command(&[&base[..], &["-o", &file]].concat()).stdout(Stdio::piped()).spawn().unwrap();
+        park_timeout(Duration::from_millis(after));
+        // Before the program listens, the signal ends it as it would end any program.
+        kill_process(Pid::from_child(&child), Signal::INT).unwrap();
+        let mut out = String::new();
+        child.stdout.take().unwrap().read_to_string(&mut out).unwrap();
+        let status = child.wait().unwrap();
+        if out.is_empty() {
+            assert!(matches!(status.code(), None | Some(7)), "after {after} ms: {status}");
+            continue;
+        }
+        let found: Value = serde_json::from_str(&out).unwrap();
+        assert!(matches!(status.code(), Some(0 | 7)), "after {after} ms: {status}, {found}");
+        match found["plan"].as_object() {
+            None => assert_eq!((&found["verdict"], status.code()), (&json!("undecided"), Some(7)), "{found}"),
+            Some(_) => {
+                let ran = run(&["plan", "--check", &file]);
+                assert!(ran.code == Some(0) && ran.out.starts_with("valid: "), "{ran:?}");
+            }
+        }
+        assert!(found["lower"].as_u64().unwrap() > 0, "{found}");
+    }
 }

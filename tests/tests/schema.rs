@@ -69,6 +69,10 @@ reorder = "2%"
 corrupt = "2%"
 [process]
 time_scale = 20
+[[command]]
+at = "1s"
+operator = 2
+do = ["kill 5", "stick 4"]
 [[fault]]
 kill = 3
 at = "2s"
@@ -224,6 +228,7 @@ fn tables() -> Vec<(&'static str, &'static str, &'static str, Vec<&'static str>)
         (CUBES, "swarm.", "cubeSwarm", vec![]),
         (CUBES, "goal.0.", "cubeGoal", vec![]),
         (CUBES, "protocol.", "cubeProtocol", vec![]),
+        (CUBES, "command.0.", "command", vec![]),
         (CUBES, "fault.0.", "kill", fault("kill")),
         (CUBES, "fault.1.", "pause", fault("pause")),
         (CUBES, "fault.2.", "restart", fault("restart")),
@@ -372,7 +377,7 @@ fn the_reader_and_the_schema_know_the_same_names() {
 }
 
 /// Each table with defaults: its place in a smallest scenario, and its definition in the schema.
-const SMALLEST: [(&str, &str, &str); 20] = [
+const SMALLEST: [(&str, &str, &str); 21] = [
     (SMALLEST_OF_CUBES, "", ""),
     (SMALLEST_OF_CUBES, "link", "link"),
     (SMALLEST_OF_CUBES, "process", "process"),
@@ -383,6 +388,7 @@ const SMALLEST: [(&str, &str, &str); 20] = [
     (SHAPES, "goal.0.shape.union.1.cylinder", "cylinder"),
     (SHAPES, "goal.0.shape.union.2.file", "file"),
     (SMALLEST_OF_CUBES, "fault.0", "restart"),
+    (SMALLEST_OF_CUBES, "command.0", "command"),
     (SMALLEST_OF_METAMODULES, "", ""),
     (SMALLEST_OF_METAMODULES, "swarm", "metamoduleSwarm"),
     (SMALLEST_OF_METAMODULES, "goal.0", "metamoduleGoal"),
@@ -414,6 +420,9 @@ shape = { box = { min = [0, 0, 0], max = [4, 4, 2] } }
 [[fault]]
 restart = 0
 at = "1s"
+[[command]]
+at = "1s"
+do = ["kill 0"]
 "#;
 
 const SHAPES: &str = r#"

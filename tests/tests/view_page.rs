@@ -68,6 +68,34 @@ fn choose(browser: &mut Browser, id: u32) {
 }
 
 #[test]
+fn commands_a_run_in_progress() {
+    let Some(program) = find() else {
+        return println!("skipped: there is no chromium or chrome on this machine");
+    };
+    let file = scenario("swarm.toml").display().to_string();
+    let view = View::start(&["run", &file, "--link", "sim", "--view", "--control", "--quiet"]);
+    let mut browser = Browser::start(program);
+    browser.open(&format!("{}#c={}", view.address, view.secret));
+    browser.until("document.body.dataset.state === 'paused'");
+    assert_eq!(browser.evaluate("location.hash"), json!(""), "the secret leaves the address");
+    choose(&mut browser, 3);
+    browser.evaluate("document.querySelector('[data-command=kill]').click()");
+    browser.until("document.getElementById('answer').textContent.startsWith('kill 3: taken')");
+    browser.until(
+        "window.page.story.faults.some((f) => f.what === 'kill 3' && f.effect.startsWith('operator 1'))",
+    );
+    browser.evaluate("document.querySelector('[data-command=resume]').click()");
+    browser.until("document.getElementById('answer').textContent === 'resume 3: module 3 is not paused'");
+    browser.until("window.page.story.over");
+    browser.until("document.querySelector('[data-command=kill]').disabled");
+    check_clean(&mut browser, &view);
+    // The first address only shows the run.
+    browser.open(&view.address);
+    browser.until("document.body.dataset.state === 'paused'");
+    assert_eq!(browser.evaluate("document.getElementById('commands').hidden"), json!(true));
+}
+
+#[test]
 fn plays_a_chair_to_its_end() {
     let directory = tempfile::tempdir().unwrap();
     let view = View::start(&["view", &record(directory.path(), "chair.toml", &[])]);
@@ -141,6 +169,44 @@ fn plays_a_chair_to_its_end() {
     browser.click(place[0].as_f64().unwrap(), place[1].as_f64().unwrap());
     browser.until("!window.page.dirty && document.getElementById('module').dataset.id !== undefined && !document.getElementById('module').hidden");
     check_clean(&mut browser, &view);
+    drop(browser);
+    assert_eq!(view.end(), Some(0));
+}
+
+/// The figure that is saved is what the page shows, and the line that is told makes the same one.
+#[test]
+fn saves_a_figure_of_what_is_shown() {
+    let directory = tempfile::tempdir().unwrap();
+    let journal = record(directory.path(), "swarm.toml", &[]);
+    let view = View::start(&["view", &journal]);
+    let Some(mut browser) = open(&view) else { return };
+    scrub(&mut browser, 3_300_000.0);
+    browser.evaluate("{ const box = document.getElementById('waits'); box.checked = true; window.page.camera.orbit(0.4, 0.1); window.page.setMeaning('gradient'); }");
+    browser.press("s");
+    browser.until("document.getElementById('saving').open");
+    let told = text(&mut browser, "#render");
+    let words: Vec<&str> = told.split_whitespace().collect();
+    let from = words.iter().position(|word| *word == "…").unwrap() + 1;
+    let until = words.iter().position(|word| *word == "--out").unwrap();
+    for part in ["--at 3.3s", "--color gradient", "--goal ghost", "--links waits", "--width 85mm"] {
+        assert!(told.contains(part), "{told}");
+    }
+    let ran = run(&[&["render", &journal][..], &words[from..until]].concat());
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    let saved = "import('./figure.js').then((m) => m.fetchFigure(window.page.figure(), 'svg')).then((f) => f.content.text())";
+    assert_eq!(browser.evaluate(saved).as_str().unwrap(), ran.out);
+    // The browser gets a file with a name.
+    browser.evaluate("{ HTMLAnchorElement.prototype.click = function () { window.saved = this.download; } }");
+    browser.evaluate("document.querySelector('#saving button[value=save]').click()");
+    browser.until("window.saved !== undefined");
+    assert_eq!(browser.evaluate("window.saved"), json!("swarm-3.3s.svg"));
+    // What cannot be drawn is said.
+    browser.evaluate("{ const width = document.getElementById('width'); width.add(new Option('1px')); width.value = '1px'; }");
+    browser.press("s");
+    browser.evaluate("document.querySelector('#saving button[value=save]').click()");
+    browser.until("!document.getElementById('note').hidden");
+    let note = text(&mut browser, "#note");
+    assert!(note.contains("The figure cannot be saved: ") && note.contains("100px to 20000px"), "{note}");
     drop(browser);
     assert_eq!(view.end(), Some(0));
 }

@@ -3,6 +3,7 @@
 
 use metamorph_tests::command::run;
 use metamorph_tests::view::{View, record};
+use metamorph_world_controller::console::stopwatch::wait_until;
 use serde_json::Value;
 use std::fs;
 use std::io::{ErrorKind, Read, Write};
@@ -156,6 +157,62 @@ fn a_cut_journal_is_shown_as_far_as_it_goes_and_other_files_are_refused() {
     assert!(ran.code == Some(2) && ran.err.contains("/nowhere/run.journal"), "{ran:?}");
 }
 
+/// A plan is shown action by action, as it is made and from its file; without a plan there is no page.
+#[test]
+fn plans_are_shown_step_by_step() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("plan.json").display().to_string();
+    let base = ["plan", "--from", "line:4", "--to", "loop:3x3", "--collision", "core", "-o", &file];
+    for ground in [&["--floor", "--gravity", "--up", "x"][..], &[]] {
+        let made: Value = {
+            let view = View::start(&[&base[..], ground, &["--view"]].concat());
+            let shown = shown_actions(&view);
+            let made: Value = serde_json::from_str(&fs::read_to_string(&file).unwrap()).unwrap();
+            let names: Vec<String> =
+                (0..made["actions"].as_array().unwrap().len()).map(|i| format!("action {i}")).collect();
+            assert_eq!(shown, names);
+            assert_eq!(view.end(), Some(0));
+            made
+        };
+        let view = View::start(&["plan", "--check", &file, "--view"]);
+        assert_eq!(shown_actions(&view).len(), made["actions"].as_array().unwrap().len());
+        assert_eq!(view.end(), Some(0));
+    }
+    let mut plan: Value = serde_json::from_str(&fs::read_to_string(&file).unwrap()).unwrap();
+    plan["cost"] = Value::from(1);
+    fs::write(&file, plan.to_string()).unwrap();
+    let ran = run(&["plan", "--check", &file, "--view"]);
+    assert!(ran.code == Some(8) && !ran.err.contains("http://"), "{ran:?}");
+    let none = ["plan", "--from", "quadruped:6", "--to", "line:6", "--work", "50", "--view"];
+    let ran = run(&none);
+    assert!(ran.code == Some(4) && !ran.err.contains("http://"), "{ran:?}");
+}
+
+/// Returns the names of the actions that a page shows, each of which begins one second after the one before, and with the
+/// motion of a module.
+fn shown_actions(view: &View) -> Vec<String> {
+    let root = view.parts().1;
+    let get = |what: &str| -> Value {
+        let (status, answer) = view.get(&format!("{root}{what}"), "");
+        assert_eq!(status, 200, "{answer}");
+        serde_json::from_str(answer.split("\r\n\r\n").nth(1).unwrap()).unwrap()
+    };
+    let scene = get("scene");
+    assert_eq!((&scene["link"], &scene["seed"]), (&Value::from("plan"), &Value::Null));
+    assert!(scene["repeat"].as_str().unwrap().starts_with("metamorph plan --"), "{scene}");
+    let told = get("events?from=0&bin=0&width=0");
+    let events = told["events"].as_array().unwrap();
+    let of = |kind: &'static str| events.iter().filter(move |e| e[0] == kind);
+    let mut names = Vec::new();
+    for (i, entry) in (0..).zip(of("x")) {
+        assert_eq!(entry[1], Value::from(i * 1_000_000));
+        assert!(of("m").any(|begun| begun[1] == entry[1]), "nothing is done at {}", entry[1]);
+        names.push(entry[3].as_str().unwrap().to_owned());
+    }
+    assert_eq!((&told["over"], &told["now"]), (&Value::from(true), &Value::from(names.len() * 1_000_000)));
+    names
+}
+
 /// A port can be chosen, so that it can be forwarded; one that is taken is refused.
 #[test]
 fn the_port_can_be_chosen() {
@@ -171,4 +228,86 @@ fn the_port_can_be_chosen() {
     let view = View::of("chair.toml", &["--port", &port]);
     assert_eq!(view.parts().0, format!("127.0.0.1:{port}"));
     assert_eq!(view.get(&format!("{}scene", view.parts().1), "").0, 200);
+}
+
+/// A figure that the page saves has the bytes of the one that `render` writes with the same options: of a journal, and
+/// of a scenario, of which `render` simulates only the beginning.
+#[test]
+fn saved_figures_are_those_of_render() {
+    let directory = tempfile::tempdir().unwrap();
+    let journal = record(directory.path(), "swarm.toml", &[]);
+    let cases: [(&str, &[&str]); 4] = [
+        (
+            "svg",
+            &[
+                "at=3.3s",
+                "camera=200,35",
+                "color=messages",
+                "goal=ghost",
+                "links=messages,waits",
+                "theme=dark",
+            ],
+        ),
+        ("svg", &["at=2500000us", "color=gradient", "links=contacts", "title=x %3C 4 %26 %7Bt%7D"]),
+        ("png", &["width=400px", "color=locks", "at=4s"]),
+        ("gif", &["at=2s", "every=500ms", "width=200px"]),
+    ];
+    for (source, options) in [(journal.as_str(), &[][..]), ("swarm", &["--seed", "3"])] {
+        let view = View::start(&[&["view", source], options].concat());
+        let is_over =
+            || view.get(&format!("{}events?from=999999999", view.parts().1), "").1.contains("\"over\":true");
+        assert!(wait_until(Duration::from_secs(120), is_over), "the run does not end");
+        for (format, query) in cases {
+            let (head, saved) =
+                view.content(&format!("figure.{format}?{}", query.join("&").replace(' ', "%20")));
+            assert!(
+                head.starts_with("HTTP/1.1 200 "),
+                "{query:?}: {head}{}",
+                String::from_utf8_lossy(&saved)
+            );
+            assert!(head.contains("content-disposition: attachment; filename=\"swarm-"), "{head}");
+            assert!(head.contains("content-type: image/") && head.contains("nosniff"), "{head}");
+            let out = directory.path().join(format!("figure.{format}")).display().to_string();
+            let decoded = [("%3C", "<"), ("%26", "&"), ("%7B", "{"), ("%7D", "}")];
+            let typed = query
+                .iter()
+                .map(|pair| decoded.iter().fold(format!("--{pair}"), |t, (a, b)| t.replace(a, b)));
+            let typed: Vec<String> = typed.collect();
+            let typed: Vec<&str> = typed.iter().map(String::as_str).collect();
+            let ran = run(&[&["render", source, "--quiet", "--out", &out], options, &typed[..]].concat());
+            assert_eq!(ran.code, Some(0), "{ran:?}");
+            assert!(
+                saved == fs::read(&out).unwrap(),
+                "{source} {query:?}: {}",
+                String::from_utf8_lossy(&saved[..400])
+            );
+        }
+        // The end of the run, with the trace hash of a simulated one.
+        let (_, saved) = view.content("figure.svg");
+        let ran = run(&[&["render", source], options].concat());
+        assert!(saved == ran.out.as_bytes(), "{}", ran.err);
+        assert_eq!(ran.out.contains("Trace hash"), source == "swarm");
+        for (path, status, part) in [
+            ("figure.svg?at=1h", 400, "the run ended at"),
+            ("figure.svg?colour=state", 400, "unexpected argument '--colour'"),
+            ("figure.svg?every=1s", 400, "shows one moment"),
+            ("figure.gif", 400, "needs the time from one frame"),
+            ("figure.gif?every=1s&theme=transparent", 400, "have a background"),
+            ("figure.png?width=2000mm&dpi=2400", 400, "million pixels"),
+            ("figure.jpeg", 404, "not found"),
+        ] {
+            let (head, text) = view.content(path);
+            let text = String::from_utf8_lossy(&text);
+            assert!(
+                head.starts_with(&format!("HTTP/1.1 {status} ")) && text.contains(part),
+                "{path}: {head}{text}"
+            );
+            assert!(!head.contains("content-disposition"), "{path}: {head}");
+        }
+        let (host, root) = view.parts();
+        let (status, _) = view.get(&format!("{root}figure.svg"), "Origin: http://evil.example\r\n");
+        assert_eq!(status, 403);
+        assert_eq!(view.get("/figure.svg", "").0, 404, "{host}");
+        assert_eq!(view.end(), Some(0));
+    }
 }

@@ -1,11 +1,12 @@
 //! The world-controller: reads scenarios, runs swarms, injects failures, measures, reports.
 //!
 //! From the bottom up, and each module uses only those before it: `console` writes to the terminal and
-//! to files; `scenario` makes a checked plan of a scenario file; `swarm` runs one process per module;
+//! to files; `scenario` makes a checked plan of a scenario file; `control` has the way of commands into a
+//! run; `swarm` runs one process per module;
 //! `report` says what a run did; `record` reads and writes journals; `view` makes the page and
 //! recordings for other viewers; `run` carries out one run, simulated, on processes or from a journal;
 //! `family` holds what belongs to one family of modules, and the list of them; `plan` plans for free modules;
-//! `structure` analyses their body and limbs;
+//! `gait` has gait files and learners; `structure` analyses their body and limbs;
 //! `experiments` carries out many runs; `learn` learns gaits; `cli` is the command line.
 //!
 //! Absent: decisions of the protocol, which are in `protocol`, and ground truth about the world, which
@@ -13,8 +14,10 @@
 
 pub mod cli;
 pub mod console;
+pub mod control;
 pub mod experiments;
 pub mod family;
+pub mod gait;
 pub mod learn;
 pub mod plan;
 pub mod record;

@@ -3,8 +3,9 @@
 use crate::scenario::raise;
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::time::Time;
-use metamorph_world_controller::family::{self, families, of};
-use metamorph_world_controller::record::journal::{Consumed, Event as Recorded, Journal as File, plan_of};
+use metamorph_world_controller::family::{self, of};
+use metamorph_world_controller::record::journal::{Consumed, Event as Recorded, Journal as File};
+use metamorph_world_controller::report::message_timeline::Bin;
 use metamorph_world_controller::run::replay::Request;
 use metamorph_world_controller::scenario::Plan;
 use metamorph_world_controller::view::figure::snapshot::{Body, Playback, Process};
@@ -39,10 +40,8 @@ impl Journal {
     /// Reads a journal; a damaged one is an error.
     #[new]
     fn new(py: Python<'_>, path: PathBuf) -> PyResult<Journal> {
-        let opened = File::open(&path).map_err(|e| failed(py, &e))?;
-        let plan = plan_of(families(), opened.head()).map_err(|e| failed(py, &e))?;
-        drop(opened);
-        let (scene, damage) = py.detach(|| family::recorded(&path)).map_err(|e| failed(py, &e))?;
+        let family::Recorded { plan, scene, damage } =
+            py.detach(|| family::recorded(&path)).map_err(|e| failed(py, &e))?;
         damage.map_or(Ok(()), |damage| Err(failed(py, &damage)))?;
         Ok(Journal { file: path, plan, scene })
     }
@@ -103,6 +102,13 @@ impl Journal {
         });
         counted.map_err(|e| failed(py, &e))?;
         Ok(bins)
+    }
+    /// Returns the width of the time bins in nanoseconds, and of each the filled cells of the goal, all of them, the moves,
+    /// and the messages delivered by class.
+    fn bins(&self) -> (u64, Vec<Vec<u64>>) {
+        let (width, bins) = self.scene.bins();
+        let row = |bin: &Bin| [&[bin.filled, bin.goal, bin.moves][..], &bin.totals].concat();
+        (width.0, bins.iter().map(row).collect())
     }
     /// Returns the cells of all modules at these times, in ascending order: three numbers of 16 bits each, in the byte
     /// order of the machine.

@@ -27,7 +27,7 @@ mod _metamorph {
     #[pymodule_export]
     use super::simulation::{Simulation, run};
     #[pymodule_export]
-    use super::sweep::sweep;
+    use super::sweep::{manifest, sweep};
 
     use super::{Bound, PyModule, PyModuleMethods, PyResult};
 

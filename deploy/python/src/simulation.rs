@@ -8,6 +8,7 @@ use metamorph_protocol::time::{Span, Time};
 use metamorph_world_controller::console::stopwatch::Stopwatch;
 use metamorph_world_controller::family::{self, of};
 use metamorph_world_controller::record::journal::JournalSession;
+use metamorph_world_controller::run::PageChannels;
 use metamorph_world_controller::run::simulated::{self, SteppedRun};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -52,8 +53,13 @@ pub fn run(
             }
             interrupted.is_none() && timeout_s.is_none_or(|most| since.elapsed().as_secs_f64() < most)
         };
-        let simulation =
-            simulated::Simulation { since, watch: &mut watch, keeping, scribe: None, search: true };
+        let simulation = simulated::Simulation {
+            since,
+            watch: &mut watch,
+            keeping,
+            page: PageChannels::default(),
+            search: true,
+        };
         (of(&plan.plan).simulate(&plan.plan, simulation).0, interrupted)
     };
     let (report, interrupted) = released(py, setup.is_none(), simulate);

@@ -5,9 +5,10 @@ use crate::protocol::spec::Spec;
 use crate::scenario::raise;
 use metamorph_world_controller::console::interrupt::Interrupt;
 use metamorph_world_controller::console::stopwatch::Stopwatch;
-use metamorph_world_controller::experiments::sweep::grid::{Axis, Grid, GridError, Seeds};
+use metamorph_world_controller::experiments::sweep::grid::{Axis, Grid, Seeds};
 use metamorph_world_controller::experiments::sweep::pool::{self, News, Work};
 use metamorph_world_controller::experiments::sweep::row::{self, Row};
+use metamorph_world_controller::experiments::sweep::store::Manifest;
 use metamorph_world_controller::experiments::sweep::{Scenario, SweepError};
 use pyo3::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
@@ -17,6 +18,27 @@ use std::time::Duration;
 
 /// Time between two looks for signals, and two calls of `progress`.
 const PAUSE: Duration = Duration::from_millis(100);
+
+fn grid(py: Python<'_>, seeds: (u64, u64), vary: Vec<(String, Vec<String>)>) -> PyResult<Grid> {
+    let vary = vary.into_iter().map(|(key, values)| Axis { key, values }).collect();
+    Grid::new(Seeds { from: seeds.0, until: seeds.1 }, vary).map_err(|e| failed(py, &SweepError::Grid(e)))
+}
+
+fn failed(py: Python<'_>, e: &SweepError) -> PyErr {
+    raise(py, "SweepError", (e.to_string(),))
+}
+
+/// Returns the manifest of a sweep, as it is in the directory of `metamorph sweep --out`.
+#[pyfunction]
+pub fn manifest(
+    py: Python<'_>,
+    origin: &str,
+    text: &str,
+    seeds: (u64, u64),
+    vary: Vec<(String, Vec<String>)>,
+) -> PyResult<String> {
+    Ok(Manifest::new(origin, text, &grid(py, seeds, vary)?).text())
+}
 
 /// Simulates every combination with every seed, and returns the runs as `runs.csv` has them. `vary` are the keys and
 /// their values, `progress` is called with the numbers of runs done and to do, at most ten times a second. With a
@@ -34,12 +56,7 @@ pub fn sweep(
     progress: Option<Py<PyAny>>,
     protocol: Option<&Protocol>,
 ) -> PyResult<String> {
-    fn failed(py: Python<'_>, e: &SweepError) -> PyErr {
-        raise(py, "SweepError", (e.to_string(),))
-    }
-    let wrong = |e: GridError| failed(py, &SweepError::Grid(e));
-    let vary = vary.into_iter().map(|(key, values)| Axis { key, values }).collect();
-    let grid = Grid::new(Seeds { from: seeds.0, until: seeds.1 }, vary).map_err(wrong)?;
+    let grid = grid(py, seeds, vary)?;
     let scenario = Scenario { origin, text };
     let spec = protocol.map(|protocol| Arc::clone(&protocol.spec));
     let _reading = spec.as_ref().map(Spec::reading);

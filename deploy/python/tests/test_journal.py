@@ -53,6 +53,11 @@ def test_events_and_messages_are_those_of_the_report(recorded: tuple[Path, mm.Re
             assert messages[name].sum() == counts["delivered"], name
     with pytest.raises(ValueError, match="longer"):
         journal.messages_over_time(0)
+    course = journal.over_time()
+    assert course["moves"].sum() == report.moves and course["time_s"][-1] == pytest.approx(journal.duration_s)
+    assert course["filled"][-1] == course["goal"][-1] > course["filled"][0]
+    assert course["seed"].sum() == report.messages["by_class"]["seed"]["delivered"]
+    assert mm.render(journal, at="2s", links="contacts").data == mm.render(path, at="2s", links="contacts").data
 
 
 def test_a_journal_is_verified_and_damage_is_an_error(recorded: tuple[Path, mm.Report], tmp_path: Path) -> None:

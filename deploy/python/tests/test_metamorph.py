@@ -175,3 +175,47 @@ def test_processes_run_by_the_program() -> None:
     report = mm.run(SWARM, link="ipc", seed=1, set={"link.loss": "2%"}, faults=["kill 3@1s"])
     assert (report.link, report.outcome) == ("ipc", "built")
     assert (report.faults[0]["fault"], report.faults[0]["module"]) == ("kill", 3) and report.agents["crashed"] >= 1
+
+
+def test_faults_are_objects_or_text() -> None:
+    assert mm.Fault.kill(7, at="2s") == "kill 7@2000000000ns" and mm.Fault.resume(3) == "resume 3"
+    assert mm.Fault.pause(1, at=1, until="2s") == "pause 1@1000000000ns..2000000000ns"
+    objects = mm.run(SWARM, faults=[mm.Fault.kill(7, at="1s"), mm.Fault.restart(7, at="3s"), mm.Fault.pause(2, "1s", "2s")])
+    texts = mm.run(SWARM, faults=["kill 7@1s", "restart 7@3s", "pause 2@1s..2s"])
+    assert objects.trace_hash == texts.trace_hash
+    sim = mm.Simulation(SWARM)
+    sim.advance("1s")
+    for fault in (mm.Fault.kill(3), mm.Fault.stick(4)):
+        sim.inject(fault)
+    # Before the fault of the scenario itself.
+    sim.advance("500ms")
+    assert list(sim.report().fault_table["fault"]) == ["kill", "stick"]
+    assert pickle.loads(pickle.dumps(mm.Fault.kill(3))) == mm.Fault.kill(3)
+    for wrong in (-1, 1.5, True):
+        with pytest.raises(ValueError, match="numbered from 0"):
+            mm.Fault.kill(wrong)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="`at` and `until`"):
+        mm.Fault.pause(1, at="1s")
+
+
+def test_sweeps_are_saved_loaded_and_compared(tmp_path: Path) -> None:
+    forest = mm.sweep(SWARM, seeds=range(4), vary={"link.loss": ["0%", "5%"]})
+    cycles = mm.sweep(SWARM, seeds=range(4), vary={"link.loss": ["0%", "5%"]}, set={"protocol.connectivity": "cycles"})
+    theirs = tmp_path / "theirs"
+    said = command("sweep", str(SWARM), "--seeds", "0..4", "--vary", "link.loss=0%,5%", "--quiet", "--out", str(theirs))
+    assert said.returncode == 0, said.stderr
+    forest.save(tmp_path / "ours")
+    assert (tmp_path / "ours" / "runs.csv").read_bytes() == (theirs / "runs.csv").read_bytes()
+    manifests = [json.loads((d / "manifest.json").read_text()) for d in (tmp_path / "ours", theirs)]
+    for manifest in manifests:
+        manifest.pop("scenario")
+    assert manifests[0] == manifests[1]
+    assert mm.Sweep.load(theirs).runs.to_dict() == forest.runs.to_dict()
+    with pytest.raises(FileExistsError, match="not empty"):
+        forest.save(theirs)
+    same, other = mm.diff(forest, theirs), mm.diff(forest, cycles)
+    assert len(same.lines) > 0 and not any(same.lines["differs"])
+    assert "link.loss=0%" in other.text.replace(" ", "") and "link.loss=5%" in other.text.replace(" ", ""), other.text
+    assert len(mm.diff(forest, cycles, by=["link.loss"]).lines) == len(other.lines)
+    set_only = [mm.sweep(SWARM, seeds=range(2), set={"protocol.connectivity": name}) for name in ("forest", "cycles")]
+    assert len(mm.diff(*set_only).lines) > 5

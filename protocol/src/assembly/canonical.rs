@@ -12,7 +12,7 @@
 //! merges up to 9 configurations a module into one. Joints still turn by the same steps to the same places.
 
 use super::configuration::{Configuration, MAX_MODULES, Module};
-use super::tables::{Rot, TABLES, Vec3, sub};
+use super::tables::{OFFSET, Rot, TABLES, Vec3, sub};
 
 /// What two configurations must agree in to be the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -24,9 +24,6 @@ pub enum Detail {
     /// Everything, and the place: configurations on the ground do not move as a whole (see [`ground`](super::ground)).
     Place,
 }
-
-/// The offset of coordinates in keys, in cells.
-const OFFSET: i8 = 64;
 
 impl Detail {
     /// Returns the bytes of a module other than the root: cell 21 bits, rotation 5, connectors 10, joints 6 or 2.
@@ -126,7 +123,8 @@ impl Detail {
     /// end whose cell is smaller.
     fn packed(self, module: &[Module; 2], origin: Vec3, back: Rot) -> u64 {
         let t = &**TABLES;
-        let cells = [0, 1].map(|e| pack(t.rotate(back, sub(module[e].cell, origin))));
+        let cells =
+            [t.packed(back, sub(module[0].cell, origin)), t.packed(back, sub(module[1].cell, origin))];
         let first = usize::from(cells[1] < cells[0]);
         let m = &module[first];
         let rotation = u64::from(t.times(back, m.rotation));
@@ -157,10 +155,6 @@ impl Detail {
     }
 }
 
-/// Packs a cell into 21 bits; the order is that of the coordinates.
-fn pack(cell: [i8; 3]) -> u64 {
-    cell.iter().fold(0, |code, c| code << 7 | (c + OFFSET) as u64)
-}
 fn unpack(code: u64) -> [i8; 3] {
     [14, 7, 0].map(|shift| (code >> shift & 127) as i8 - OFFSET)
 }

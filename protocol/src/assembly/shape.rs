@@ -254,10 +254,7 @@ fn list_in_frame(ends: &[[Bar; 2]], root: usize, end: usize, r: u8, list: &mut [
         if i == root {
             continue;
         }
-        let cells = [0, 1].map(|e| {
-            let v = t.rotate(r, sub(bar[e].cell, origin));
-            v.iter().fold(0_u64, |code, c| code << 7 | (c + 64) as u64)
-        });
+        let cells = [t.packed(r, sub(bar[0].cell, origin)), t.packed(r, sub(bar[1].cell, origin))];
         let first = usize::from(cells[1] < cells[0]);
         let bar = &bar[first];
         let direction = u64::from(t.face[usize::from(r)][usize::from(bar.direction)]);

@@ -22,6 +22,11 @@ pub type Code = u8;
 /// A vector in cells.
 pub type Vec3 = [i8; 3];
 
+/// The offset of coordinates in packed cells.
+pub const OFFSET: i8 = 64;
+/// The packed cell at the origin.
+const ORIGIN: i32 = (OFFSET as i32) << 14 | (OFFSET as i32) << 7 | OFFSET as i32;
+
 /// No connector.
 pub const NONE: u8 = u8::MAX;
 
@@ -29,6 +34,8 @@ pub const NONE: u8 = u8::MAX;
 pub struct Tables {
     /// The rotations.
     pub rotations: [LatticeRotation; ROTATIONS],
+    /// What a step along each axis adds to a packed cell after a rotation.
+    weights: [[i32; 3]; ROTATIONS],
     /// Products.
     pub product: [[Rot; ROTATIONS]; ROTATIONS],
     /// Inverse rotations.
@@ -81,6 +88,10 @@ impl Tables {
         };
         let mut t = Box::new(Tables {
             rotations,
+            weights: rotations.map(|r| {
+                let rows = r.rows();
+                [0, 1, 2].map(|axis| rows.iter().fold(0, |sum, row| (sum << 7) + i32::from(row[axis])))
+            }),
             product: [[0; ROTATIONS]; ROTATIONS],
             inverse: rotations.map(|r| number(r.inverse())),
             face: rotations.map(|r| Face::ALL.map(|f| r.face(f) as u8)),
@@ -155,6 +166,13 @@ impl Tables {
     pub fn rotate(&self, rotation: Rot, v: Vec3) -> Vec3 {
         let rows = self.rotations[usize::from(rotation)].rows();
         rows.map(|r| r[0] * v[0] + r[1] * v[1] + r[2] * v[2])
+    }
+    /// Returns a rotated cell in 21 bits, in the order of the coordinates. Packing and rotating are both linear, so one sum
+    /// does both.
+    pub fn packed(&self, rotation: Rot, v: Vec3) -> u64 {
+        let weights = &self.weights[usize::from(rotation)];
+        let [x, y, z] = v.map(i32::from);
+        (ORIGIN + x * weights[0] + y * weights[1] + z * weights[2]) as u64
     }
     /// Returns the product of two rotations.
     pub fn times(&self, a: Rot, b: Rot) -> Rot {

@@ -67,7 +67,7 @@ pub enum Lags {
 }
 
 /// The part that a joint plays.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Role {
     /// One per connected part of the linear body.
@@ -78,6 +78,18 @@ pub enum Role {
     Knee,
     /// Between knee and pod.
     Ankle,
+}
+
+impl Role {
+    /// Returns the name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Role::Spine => "spine",
+            Role::Hip => "hip",
+            Role::Knee => "knee",
+            Role::Ankle => "ankle",
+        }
+    }
 }
 
 /// The articulations of a limb.
@@ -197,6 +209,11 @@ impl Morphology {
             .iter()
             .flat_map(|l| [(l.hip, Role::Hip), (l.knee, Role::Knee), (l.ankle, Role::Ankle)].into_iter());
         spines.chain(of_limbs.filter_map(|(joint, role)| Some((joint?, role)))).collect()
+    }
+
+    /// Returns the articulations that have an oscillator in a network of this kind; none in a full network.
+    pub fn articulations(&self, kind: NetworkKind) -> BTreeMap<Joint, Role> {
+        if kind.is_reduced() && self.partition.has_body() { self.roles() } else { BTreeMap::new() }
     }
 
     /// Makes a network. A structure without a body has no reduced network, and gets the full one.

@@ -345,7 +345,7 @@ impl DirectorPort<CubeWorld> for Director {
         if self.outcome.is_some() {
             return Err("the run is over".to_owned());
         }
-        self.faults.input(now, kind, bytes, self.known.len())
+        self.faults.input(now, kind, bytes, self.known.len(), &[])
     }
 
     fn wake_at(&self) -> Time {

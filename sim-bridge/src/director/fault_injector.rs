@@ -1,22 +1,21 @@
 //! Carries out a schedule of faults: faults of processes become commands, faults of bodies are left to the
 //! owner of the world. The same for every family.
 
-use crate::director::faults::{Fault, FaultRecord, Schedule};
+use crate::director::commands::{COMMAND_INPUT, Commands};
+use crate::director::faults::{Fault, FaultRecord, Origin, Schedule, Scheduled, WorldFault};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
 use std::collections::{BTreeSet, VecDeque};
 
-/// The kind of [`DirectorPort::input`](super::port::DirectorPort::input) that is a fault: its text and its time in
-/// nanoseconds, such as `kill 7@2000000001`.
-pub const FAULT_INPUT: &str = "fault";
-
 /// A schedule and the position in it.
 #[derive(Clone, Debug, Default)]
 pub struct FaultInjector {
     schedule: Schedule,
     next: usize,
+    /// The origin of the fault that is being injected.
+    by: Origin,
     paused: BTreeSet<ModuleId>,
     struck: Vec<FaultRecord>,
     crashed: u64,
@@ -28,50 +27,62 @@ impl FaultInjector {
     pub fn new(schedule: Schedule) -> FaultInjector {
         FaultInjector { schedule, ..FaultInjector::default() }
     }
-    /// Adds a fault to the schedule.
+    /// Adds the faults of [`Commands`] to the schedule: all, or none if there is an error.
     ///
     /// # Errors
-    /// Returns what is wrong with the input: it is of another kind, it names no fault of one of `modules` modules, or
-    /// its time is past.
-    pub fn input(&mut self, now: Time, kind: &str, bytes: &[u8], modules: usize) -> Result<(), String> {
-        if kind != FAULT_INPUT {
+    /// Returns what is wrong with the input: it is of another kind, a fault hits none of `modules` modules and is none of
+    /// `world`, it would end a pause that there is not, or its time is past.
+    pub fn input(
+        &mut self,
+        now: Time,
+        kind: &str,
+        bytes: &[u8],
+        modules: usize,
+        world: &[&'static WorldFault],
+    ) -> Result<(), String> {
+        if kind != COMMAND_INPUT {
             return Err(format!("this director takes no input of kind `{kind}`"));
         }
         let text = String::from_utf8_lossy(bytes);
-        let (fault, at) = text.rsplit_once('@').ok_or_else(|| format!("`{text}` has no time"))?;
-        let at = at
-            .parse()
-            .ok()
-            .map(Time)
-            .filter(|at| *at >= now)
-            .ok_or_else(|| format!("the time of `{text}` is past"))?;
-        let fault: Fault = fault.parse()?;
-        match fault.module() {
-            Some(id) if id.index() >= modules => {
-                Err(format!("there is no module {id}; they are numbered from 0 to {}", modules - 1))
-            }
-            _ => {
-                self.schedule.insert(self.next, at, fault);
-                Ok(())
+        let Commands { at, operator, faults } = Commands::parse(&text, world)?;
+        if at < now {
+            return Err(format!("the time of `{text}` is past"));
+        }
+        let missing = |fault: &Fault| fault.module().filter(|id| id.index() >= modules);
+        if let Some(id) = faults.iter().find_map(missing) {
+            return Err(format!("there is no module {id}; they are numbered from 0 to {}", modules - 1));
+        }
+        // Faults that are due before these may not have been injected yet.
+        let before = self.schedule.iter().skip(self.next).take_while(|other| other.at <= at);
+        let mut paused = self.paused.clone();
+        for fault in before.map(|scheduled| &scheduled.fault).chain(&faults) {
+            match fault {
+                Fault::Pause(id) => drop(paused.insert(*id)),
+                Fault::Resume(id) if !paused.remove(id) => return Err(format!("module {id} is not paused")),
+                _ => {}
             }
         }
+        let by = Origin::Operator(operator);
+        faults.into_iter().for_each(|fault| self.schedule.insert(self.next, Scheduled { at, fault, by }));
+        Ok(())
     }
     /// Returns the next fault that is due.
     pub fn due(&mut self, now: Time) -> Option<Fault> {
-        let (_, fault) = self.schedule.get(self.next).filter(|(at, _)| *at <= now)?;
+        let scheduled = self.schedule.get(self.next).filter(|scheduled| scheduled.at <= now)?;
         self.next += 1;
-        Some(fault)
+        self.by = scheduled.by;
+        Some(scheduled.fault)
     }
     /// Returns when the next fault is due.
     pub fn next_at(&self) -> Time {
-        self.schedule.get(self.next).map_or(Time::NEVER, |(at, _)| at)
+        self.schedule.get(self.next).map_or(Time::NEVER, |scheduled| scheduled.at)
     }
     /// Returns true if an event is still to come: a fault, or the end of a pause.
     pub fn is_pending(&self) -> bool {
         self.next < self.schedule.len() || !self.paused.is_empty()
     }
-    /// Injects a fault; `effect` describes the state it finds, and `alive` is true if the process it hits
-    /// lives.
+    /// Injects the fault that [`FaultInjector::due`] returned last; `effect` describes the state it finds, and `alive` is
+    /// true if the process it hits lives.
     pub fn inject<O>(
         &mut self,
         now: Time,
@@ -80,7 +91,7 @@ impl FaultInjector {
         effect: String,
         commands: &mut VecDeque<Command<O>>,
     ) {
-        self.struck.push(FaultRecord { at: now, fault, effect });
+        self.struck.push(FaultRecord { at: now, fault, by: self.by, effect });
         match fault {
             Fault::Kill(id) => commands.push_back(Command::Kill(id)),
             Fault::Pause(id) => {
@@ -105,7 +116,7 @@ impl FaultInjector {
     /// Notes that a process was killed, stopped or continued from outside; `found` describes its state.
     pub fn external(&mut self, now: Time, id: ModuleId, what: &Outside, found: &str) {
         let effect = format!("{what}; {found}");
-        self.struck.push(FaultRecord { at: now, fault: Fault::External(id), effect });
+        self.struck.push(FaultRecord { at: now, fault: Fault::External(id), by: Origin::External, effect });
     }
     /// Notes that a process has ended.
     pub fn died(&mut self, id: ModuleId) {

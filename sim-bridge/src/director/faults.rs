@@ -76,18 +76,33 @@ impl Fault {
     }
 }
 
-impl FromStr for Fault {
-    type Err = String;
-
-    /// Reads a fault that hits a module, as [`Display`](fmt::Display) writes it: `kill 7`.
-    fn from_str(text: &str) -> Result<Fault, String> {
+impl Fault {
+    /// Reads a fault as [`Display`](fmt::Display) writes it, such as `kill 7`; `world` has the faults of the world that
+    /// the family knows, such as `block [1, 2, 3]`.
+    ///
+    /// # Errors
+    /// Returns what is wrong with the text, and how to write it.
+    pub fn parse(text: &str, world: &[&'static WorldFault]) -> Result<Fault, String> {
         let form = || {
-            format!(
-                "`{text}` is no fault; write one of kill, pause, resume, restart, stick, unstick, and a module, such as `kill 7`"
-            )
+            let verbs: Vec<&str> = VERBS.iter().copied().chain(world.iter().map(|kind| kind.name)).collect();
+            let verbs = verbs.join(", ");
+            format!("`{text}` is no fault; write one of {verbs}, and what it hits, such as `kill 7`")
         };
-        let (verb, id) = text.trim().split_once(' ').ok_or_else(form)?;
-        let id = ModuleId(id.trim().parse().map_err(|_| form())?);
+        let (verb, target) = text.trim().split_once(' ').ok_or_else(form)?;
+        if let Some(kind) = world.iter().find(|kind| kind.name == verb) {
+            let inside =
+                target.trim().strip_prefix('[').and_then(|t| t.strip_suffix(']')).ok_or_else(form)?;
+            let numbers: Result<Vec<i16>, _> = inside.split(',').map(|n| n.trim().parse()).collect();
+            return match numbers.as_deref() {
+                Ok(&[x, y, z])
+                    if [x, y, z].iter().all(|n| n.unsigned_abs() <= Cell::LIMIT.unsigned_abs()) =>
+                {
+                    Ok(Fault::World(kind, Target::Cell(Cell { x, y, z })))
+                }
+                _ => Err(form()),
+            };
+        }
+        let id = ModuleId(target.trim().parse().map_err(|_| form())?);
         Ok(match verb {
             "kill" => Fault::Kill(id),
             "pause" => Fault::Pause(id),
@@ -97,6 +112,18 @@ impl FromStr for Fault {
             "unstick" => Fault::Unstick(id),
             _ => return Err(form()),
         })
+    }
+}
+
+/// The verbs of faults that hit a module.
+const VERBS: [&str; 6] = ["kill", "pause", "resume", "restart", "stick", "unstick"];
+
+impl FromStr for Fault {
+    type Err = String;
+
+    /// Reads a fault that hits a module, as [`Display`](fmt::Display) writes it: `kill 7`.
+    fn from_str(text: &str) -> Result<Fault, String> {
+        Fault::parse(text, &[])
     }
 }
 
@@ -115,6 +142,28 @@ impl fmt::Display for Fault {
     }
 }
 
+/// The origin of a fault.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Origin {
+    /// The `[[fault]]` tables of the scenario.
+    #[default]
+    Scenario,
+    /// A command of this operator. Operator 0 is the program that steps a run.
+    Operator(u16),
+    /// Something outside the run, such as the system.
+    External,
+}
+
+impl fmt::Display for Origin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Origin::Scenario => f.write_str("scenario"),
+            Origin::Operator(n) => write!(f, "operator {n}"),
+            Origin::External => f.write_str("external"),
+        }
+    }
+}
+
 /// A fault and its visible effect at the moment of injection.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FaultRecord {
@@ -122,29 +171,44 @@ pub struct FaultRecord {
     pub at: Time,
     /// The fault.
     pub fault: Fault,
+    /// Its origin.
+    pub by: Origin,
     /// The state of the module or of the world.
     pub effect: String,
+}
+
+/// A fault of a schedule.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Scheduled {
+    /// When it is due.
+    pub at: Time,
+    /// The fault.
+    pub fault: Fault,
+    /// Its origin.
+    pub by: Origin,
 }
 
 /// A schedule of faults in the order of time.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Schedule {
-    faults: Vec<(Time, Fault)>,
+    faults: Vec<Scheduled>,
 }
 
 impl Schedule {
-    /// Creates a schedule of these faults; those of one instant keep their order.
-    pub fn new(mut faults: Vec<(Time, Fault)>) -> Schedule {
-        faults.sort_by_key(|(at, _)| *at);
+    /// Creates a schedule of these faults of a scenario; those of one instant keep their order.
+    pub fn new(faults: Vec<(Time, Fault)>) -> Schedule {
+        let scheduled = |(at, fault)| Scheduled { at, fault, by: Origin::Scenario };
+        let mut faults: Vec<Scheduled> = faults.into_iter().map(scheduled).collect();
+        faults.sort_by_key(|scheduled| scheduled.at);
         Schedule { faults }
     }
     /// Adds a fault at the end of those that are due at or before its time, but not before the index `first`.
-    pub fn insert(&mut self, first: usize, at: Time, fault: Fault) {
-        let after = first + self.faults[first..].partition_point(|(due, _)| *due <= at);
-        self.faults.insert(after, (at, fault));
+    pub fn insert(&mut self, first: usize, scheduled: Scheduled) {
+        let after = first + self.faults[first..].partition_point(|other| other.at <= scheduled.at);
+        self.faults.insert(after, scheduled);
     }
     /// Iterates over the faults in order.
-    pub fn iter(&self) -> impl Iterator<Item = &(Time, Fault)> {
+    pub fn iter(&self) -> impl Iterator<Item = &Scheduled> {
         self.faults.iter()
     }
     /// Returns the number of faults.
@@ -156,7 +220,7 @@ impl Schedule {
         self.faults.is_empty()
     }
     /// Returns the fault with this index in the order.
-    pub fn get(&self, i: usize) -> Option<(Time, Fault)> {
+    pub fn get(&self, i: usize) -> Option<Scheduled> {
         self.faults.get(i).copied()
     }
 }

@@ -1,5 +1,6 @@
 //! The common parts of the directors of all families: the port to the driver, faults, and outcomes.
 
+pub mod commands;
 pub mod fault_injector;
 pub mod faults;
 pub mod outcome;

@@ -1,15 +1,16 @@
 //! The director of one gait: gives every agent that starts the parameters of its own oscillators, and tells all agents
 //! which modules are dead.
 
+use super::members::Members;
 use crate::director::port::DirectorPort;
 use crate::world::World;
 use metamorph_protocol::free_module::gait::FreeModule;
+use metamorph_protocol::free_module::gait::body::Status;
 use metamorph_protocol::free_module::gait::message::{Gait, Order, Parameters};
 use metamorph_protocol::free_module::structure::Joint;
-use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
-use metamorph_protocol::wire::Never;
 use std::collections::{BTreeMap, VecDeque};
 
 /// A gait of a whole structure, and when it begins.
@@ -19,9 +20,7 @@ pub struct GaitDirector {
     joints: BTreeMap<Joint, Parameters>,
     /// Crashes to come, in the order of their times.
     kills: VecDeque<(Time, ModuleId)>,
-    /// The incarnation of each module whose process lives.
-    alive: BTreeMap<ModuleId, Incarnation>,
-    dead: BTreeMap<ModuleId, Incarnation>,
+    members: Members,
     commands: VecDeque<Command<Order>>,
 }
 
@@ -33,8 +32,7 @@ impl GaitDirector {
             start,
             joints,
             kills: VecDeque::new(),
-            alive: BTreeMap::new(),
-            dead: BTreeMap::new(),
+            members: Members::default(),
             commands: VecDeque::new(),
         }
     }
@@ -46,24 +44,15 @@ impl GaitDirector {
 }
 
 impl<W: World<Agent = FreeModule>> DirectorPort<W> for GaitDirector {
-    fn report(&mut self, _: Time, _: ModuleId, report: Never) {
-        match report {}
-    }
+    fn report(&mut self, _: Time, _: ModuleId, _: Status) {}
     fn died(&mut self, _: Time, module: ModuleId) {
-        let Some(incarnation) = self.alive.remove(&module) else { return };
-        self.dead.insert(module, incarnation);
-        let order = Order::Dead { module, incarnation };
-        self.commands.extend(self.alive.keys().map(|id| Command::Order(*id, order)));
+        self.members.died(module, &mut self.commands);
     }
     fn started(&mut self, _: Time, id: ModuleId) {
         let joints = [0, 1, 2].map(|j| self.joints.get(&Joint::new(id, j)).copied());
         let gait = Gait { epoch: self.epoch, start: self.start, joints };
         self.commands.push_back(Command::Order(id, Order::Gait(gait)));
-        let incarnation = self.dead.remove(&id).map_or(Incarnation(0), |dead| Incarnation(dead.0 + 1));
-        self.alive.insert(id, incarnation);
-        let dead = self.dead.iter().map(|(module, incarnation)| (*module, *incarnation));
-        let orders = dead.map(|(module, incarnation)| Order::Dead { module, incarnation });
-        self.commands.extend(orders.map(|order| Command::Order(id, order)));
+        self.members.started(id, &mut self.commands);
     }
     fn wake(&mut self, now: Time, _: &mut W) {
         while let Some((_, module)) = self.kills.front().copied().filter(|(at, _)| *at <= now) {

@@ -4,6 +4,7 @@
 pub mod audit;
 pub mod director;
 pub mod hull;
+pub mod members;
 pub mod physics;
 pub mod physics_world;
 pub mod rapier;
@@ -16,3 +17,4 @@ mod tests;
 pub mod trial;
 #[cfg(test)]
 mod trial_tests;
+pub mod walking;

@@ -10,19 +10,22 @@ use crate::kernel::audited::{Agents, Audited};
 use crate::world::World;
 use crate::world::invariants::Violation;
 use metamorph_protocol::free_module::gait::FreeModule;
-use metamorph_protocol::free_module::gait::message::{Docking, Follow};
+use metamorph_protocol::free_module::gait::body::{Place, Pose, UNIT};
+use metamorph_protocol::free_module::gait::message::Follow;
 use metamorph_protocol::free_module::oscillator::Angle;
 use metamorph_protocol::free_module::structure::{JOINTS, Joint, Structure};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
 use metamorph_protocol::runtime::Sensed;
-use metamorph_protocol::time::Time;
-use metamorph_protocol::wire::Never;
+use metamorph_protocol::time::{Span, Time};
+use std::collections::VecDeque;
 use std::hash::Hasher;
 
 /// The depth of an overlap of two modules in metres from which it is a self-collision.
 pub const COLLISION: f32 = 0.002;
 /// Ticks between two looks at which modules touch the floor.
 const CONTACT_PERIOD: u64 = 10;
+/// The time between two poses that bodies tell, if they do.
+pub const POSE_PERIOD: Span = Span::millis(100);
 
 /// A world of rigid bodies.
 pub struct PhysicsWorld<P> {
@@ -33,13 +36,18 @@ pub struct PhysicsWorld<P> {
     commands: Vec<Option<Follow>>,
     /// The angles of all joints at the last tick.
     angles: Vec<f32>,
-    /// The first self-collision.
+    /// Modules whose joints stick.
+    stuck: Vec<bool>,
+    /// The latest self-collision.
     collided: Option<Time>,
     /// The first violation. The bodies stay where they are from then on.
     broken: Option<Violation>,
     told: bool,
     /// How often each module was seen on the floor, and the number of looks.
     on_floor: (Vec<u32>, u32),
+    /// The pose of each module that it told last, and the one before, if bodies tell theirs.
+    poses: Option<Vec<[Pose; 2]>>,
+    sensed: VecDeque<(ModuleId, Sensed<Pose>)>,
 }
 
 impl<P: Physics> PhysicsWorld<P> {
@@ -53,18 +61,61 @@ impl<P: Physics> PhysicsWorld<P> {
             tick: Time::ZERO + TICK,
             commands: vec![None; bound],
             angles,
+            stuck: vec![false; bound],
             collided: None,
             broken: None,
             told: false,
             on_floor: (vec![0; bound], 0),
+            poses: None,
+            sensed: VecDeque::new(),
         }
+    }
+    /// Lets every body tell its pose once in [`POSE_PERIOD`].
+    pub fn telling_poses(mut self) -> PhysicsWorld<P> {
+        let modules = (0..self.len() as u32).map(ModuleId);
+        self.poses = Some(modules.map(|m| [self.pose(m); 2]).collect());
+        self
     }
 
     /// Returns the bodies.
     pub fn physics(&self) -> &P {
         &self.physics
     }
-    /// Returns the time of the first self-collision.
+    /// Sets whether the joints of a module stick where they are.
+    pub fn set_stuck(&mut self, id: ModuleId, stuck: bool) {
+        self.stuck[id.index()] = stuck;
+        if stuck {
+            self.commands[id.index()] = None;
+            self.hold(id);
+        }
+    }
+    /// Lets the joints of a module stay where they are.
+    fn hold(&mut self, id: ModuleId) {
+        for joint in (0..JOINTS).map(|j| Joint::new(id, j)) {
+            self.physics.set_target(joint, self.physics.angle(joint));
+        }
+    }
+    /// Returns the pose of a module.
+    fn pose(&self, id: ModuleId) -> Pose {
+        let placed = self.physics.pose(id, 0);
+        let whole = |x: f32, unit: f64| (f64::from(x) * unit).round() as i32;
+        Pose {
+            position: placed.position.map(|x| whole(x, 1e6)),
+            rotation: placed.rotation.map(|x| whole(x, UNIT.into())),
+            angles: [0, 1, 2]
+                .map(|j| Angle(whole(self.physics.angle(Joint::new(id, j)), f64::from(Angle::RADIAN.0)))),
+        }
+    }
+    /// Lets every body tell its pose.
+    fn tell_poses(&mut self) {
+        let Some(mut poses) = self.poses.take() else { return };
+        for (id, pose) in (0..).map(ModuleId).zip(&mut poses) {
+            *pose = [self.pose(id), pose[0]];
+            self.sensed.push_back((id, Sensed::Percept(pose[0])));
+        }
+        self.poses = Some(poses);
+    }
+    /// Returns the time of the latest self-collision.
     pub fn collided(&self) -> Option<Time> {
         self.collided
     }
@@ -103,7 +154,7 @@ impl<P: Physics> PhysicsWorld<P> {
             self.broken = Some(Violation { invariant, at: self.tick, what });
             return;
         }
-        if self.collided.is_none() && self.physics.overlap() > COLLISION {
+        if self.physics.overlap() > COLLISION {
             self.collided = Some(self.tick);
         }
         if self.tick.0.is_multiple_of(CONTACT_PERIOD * TICK.0) {
@@ -112,6 +163,9 @@ impl<P: Physics> PhysicsWorld<P> {
             for (m, seen) in seen.iter_mut().enumerate() {
                 *seen += u32::from(self.physics.touches_floor(ModuleId(m as u32)));
             }
+        }
+        if self.tick.0.is_multiple_of(POSE_PERIOD.0) {
+            self.tell_poses();
         }
     }
 }
@@ -127,14 +181,18 @@ impl<P: Physics> World for PhysicsWorld<P> {
     fn len(&self) -> usize {
         self.connections.len()
     }
-    fn place(&self, id: ModuleId) -> Docking {
-        self.connections.place(id)
+    /// Returns the pose that the body told last but one: views move it from there to the one told last.
+    fn place(&self, id: ModuleId) -> Place {
+        let pose = self.poses.as_ref().map_or_else(|| self.pose(id), |poses| poses[id.index()][1]);
+        Place { pose, ..self.connections.place(id) }
     }
     fn start(&mut self, now: Time, id: ModuleId, incarnation: Incarnation) {
         self.connections.start(now, id, incarnation);
     }
     fn act(&mut self, _now: Time, id: ModuleId, _sensed: Revision, action: &Follow) {
-        self.commands[id.index()] = Some(*action);
+        if !self.stuck[id.index()] {
+            self.commands[id.index()] = Some(*action);
+        }
     }
     fn next_event(&self) -> Time {
         if self.is_broken() { Time::NEVER } else { self.tick }
@@ -148,8 +206,8 @@ impl<P: Physics> World for PhysicsWorld<P> {
     fn digest(&self, hasher: &mut dyn Hasher) {
         self.physics.digest(hasher);
     }
-    fn poll(&mut self) -> Option<(ModuleId, Sensed<Never>)> {
-        self.connections.poll()
+    fn poll(&mut self) -> Option<(ModuleId, Sensed<Pose>)> {
+        self.connections.poll().or_else(|| self.sensed.pop_front())
     }
 }
 

@@ -4,12 +4,12 @@ use crate::kernel::audited::{Agents, Audited};
 use crate::world::World;
 use crate::world::invariants::Violation;
 use metamorph_protocol::free_module::gait::FreeModule;
+use metamorph_protocol::free_module::gait::body::{Place, Pose};
 use metamorph_protocol::free_module::gait::message::{Docking, Follow};
 use metamorph_protocol::free_module::structure::{Connection, Structure};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::Time;
-use metamorph_protocol::wire::Never;
 use std::collections::VecDeque;
 
 /// A structure of modules numbered from 0.
@@ -21,7 +21,7 @@ pub struct StructureWorld {
     revisions: Vec<u32>,
     /// The session given out last.
     sessions: u32,
-    sensed: VecDeque<(ModuleId, Sensed<Never>)>,
+    sensed: VecDeque<(ModuleId, Sensed<Pose>)>,
 }
 
 impl StructureWorld {
@@ -68,8 +68,8 @@ impl World for StructureWorld {
     fn len(&self) -> usize {
         self.structure.bound()
     }
-    fn place(&self, id: ModuleId) -> Docking {
-        Docking::of(&self.structure, id)
+    fn place(&self, id: ModuleId) -> Place {
+        Place { docking: Docking::of(&self.structure, id), pose: Pose::default() }
     }
     fn start(&mut self, _now: Time, id: ModuleId, incarnation: Incarnation) {
         self.started[id.index()] = Some(incarnation);
@@ -87,7 +87,7 @@ impl World for StructureWorld {
         Time::NEVER
     }
     fn advance(&mut self, _now: Time) {}
-    fn poll(&mut self) -> Option<(ModuleId, Sensed<Never>)> {
+    fn poll(&mut self) -> Option<(ModuleId, Sensed<Pose>)> {
         self.sensed.pop_front()
     }
 }

@@ -46,6 +46,7 @@ pub fn struck(struck: &FaultRecord) -> Event {
         fault: struck.fault.to_string(),
         module: struck.fault.module(),
         cell,
+        by: struck.by.to_string(),
         effect: struck.effect.clone(),
     }
 }

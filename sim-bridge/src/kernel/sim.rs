@@ -273,7 +273,9 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
     /// # Errors
     /// Returns what is wrong with the input.
     pub fn input(&mut self, kind: &str, bytes: &[u8]) -> Result<(), String> {
-        self.director.input(self.now, kind, bytes)
+        self.director.input(self.now, kind, bytes)?;
+        self.director.commit();
+        Ok(())
     }
 
     /// Reads the memory that the next events will need, without changing anything. In a large swarm most reads miss

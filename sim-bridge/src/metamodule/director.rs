@@ -578,7 +578,7 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
         if self.outcome.is_some() {
             return Err("the run is over".to_owned());
         }
-        self.faults.input(now, kind, bytes, self.known.len())
+        self.faults.input(now, kind, bytes, self.known.len(), &[&OBSTACLE, &OBSTACLE_GONE])
     }
 
     fn wake_at(&self) -> Time {

@@ -45,6 +45,10 @@ pub struct RunArgs {
     /// printed. Messages between processes are shown afterwards, and with --journal only
     #[arg(long)]
     pub view: bool,
+    /// Let the page command the run (kill, pause, stick a module and so on); a second address, with the secret for
+    /// that, is printed. A simulated run then takes the time that processes would
+    #[arg(long, requires = "view")]
+    pub control: bool,
     /// Print errors only, and JSON if requested
     #[arg(short, long)]
     pub quiet: bool,
@@ -131,6 +135,9 @@ pub struct ResumeArgs {
     /// printed. Messages between processes are shown afterwards
     #[arg(long)]
     pub view: bool,
+    /// Let the page command the run; a second address, with the secret for that, is printed
+    #[arg(long, requires = "view")]
+    pub control: bool,
     /// Print errors only, and JSON if requested
     #[arg(short, long)]
     pub quiet: bool,
@@ -202,6 +209,10 @@ pub struct ReproduceArgs {
     /// Random starts for every kind, strategy and order of seeds
     #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub seeds: u64,
+    /// Gait files of `learn`, for thesis-7: their learning curves beside table 7.5 (several by commas).
+    /// Default: none
+    #[arg(long, value_name = "FILES", value_delimiter = ',')]
+    pub gaits: Vec<PathBuf>,
     /// Number of concurrent runs; default: the number of processors
     #[arg(long, value_name = "N")]
     pub jobs: Option<NonZeroUsize>,
@@ -222,6 +233,7 @@ impl From<ReproduceArgs> for reproduce::Request {
         reproduce::Request {
             experiments: args.experiments,
             seeds: args.seeds,
+            gaits: args.gaits,
             jobs: jobs(args.jobs),
             out: args.out,
             json: args.json,

@@ -32,6 +32,7 @@ use crate::run::replay;
 use crate::scenario::mesh_import::shape::{ShapeArgs, shape};
 use crate::scenario::plan_summary::overview;
 use crate::structure::{self, StructureArgs};
+use crate::view::export::commands::export_commands;
 use crate::view::export::{ExportArgs, export};
 use clap::{ArgAction, Parser, Subcommand};
 
@@ -163,7 +164,13 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
             print_out(&shown.text);
             Ok(if shown.buildable { 0 } else { BAD_USAGE })
         }
-        Command::Plan(args) => Ok(plan::plan(&args, interrupt)?),
+        Command::Plan(args) => {
+            let (exit_code, plan) = plan::plan(&args, interrupt)?;
+            if let Some(plan) = plan.filter(|_| args.view) {
+                runs::view_plan(&plan, args.port, interrupt)?;
+            }
+            Ok(exit_code)
+        }
         Command::Structure(args) => Ok(structure::structure(&args)?),
         Command::Learn(args) => Ok(learn::learn(&args, interrupt)?),
         Command::Explore(args) => Ok(explore(&args.into())?),
@@ -179,13 +186,14 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
         }
         Command::Render(args) => render(*args, since, interrupt),
         Command::Export(args) => {
-            let said = match (&args.mcap, &args.urdf, &args.sdf) {
+            let said = match (&args.mcap, &args.urdf, &args.sdf, &args.commands) {
                 (Some(file), ..) => {
                     export(&args, file, families(), |plan| family::of(plan).shown(plan), interrupt)?
                 }
-                (None, Some(file), _) => export_structure(&args, file, Format::Urdf)?,
-                (None, None, Some(file)) => export_structure(&args, file, Format::Sdf)?,
-                (None, None, None) => unreachable!("invariant: clap asks for one of them"),
+                (None, Some(file), ..) => export_structure(&args, file, Format::Urdf)?,
+                (None, None, Some(file), _) => export_structure(&args, file, Format::Sdf)?,
+                (None, None, None, Some(file)) => export_commands(&args.journal, file, families())?,
+                (None, None, None, None) => unreachable!("invariant: clap asks for one of them"),
             };
             print_out(&said);
             Ok(0)

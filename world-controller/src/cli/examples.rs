@@ -151,6 +151,7 @@ Examples:
   metamorph reproduce 4.1 --quiet --json - | jq '.experiments[0].cells[0]'
   metamorph reproduce graph-signature on-grid reward-map planned
   metamorph reproduce torque transport thesis-7
+  metamorph reproduce thesis-7 --gaits fo.json,blf.json,blf-sym.json
   metamorph reproduce c.6 8.2
 
 4.1, 4.2 and fig4.5 run the thesis's experiment with metamodules (4.1.3), re-implemented by the nearest
@@ -223,6 +224,7 @@ Examples:
   metamorph render deploy/scenarios/slab-to-sphere.toml --section 'x<11' --color level --width 180mm --out cut.png
   metamorph render deploy/scenarios/swarm.toml --every 250ms --out swarm.gif
   metamorph render deploy/scenarios/swarm.toml --every 5s --out 'frames/{i}.png'
+  metamorph render swarm --at 3s --links waits,messages --out links.svg
   metamorph run deploy/scenarios/swarm.toml --journal run.journal
   metamorph render run.journal --at 12s --camera top --only goal --goal ghost > top.svg
   metamorph render results --plot makespan --out makespan.svg --table makespan.csv

@@ -4,7 +4,7 @@ use crate::cli::commands::CommandLine;
 use crate::console::command_error::CommandError;
 use crate::experiments::sweep::summary::Summary;
 use crate::family::families;
-use crate::learn::document::GaitFile;
+use crate::gait::document::GaitFile;
 use crate::plan::document::{PlanFile, StructureFile};
 use crate::report::schema::Report;
 use crate::scenario::schema as scenario;

@@ -1,23 +1,29 @@
 //! The commands that run a scenario or show a run: `run`, `resume` and `view`.
 
 use crate::cli::args::{ResumeArgs, RunArgs, ViewArgs};
+use crate::cli::figures::origin;
 use crate::console::command_error::{BAD_USAGE, CommandError, FAILED, Failure};
 use crate::console::interrupt::Interrupt;
 use crate::console::output::{Json, Output, Outputs};
 use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::{self, Channel, Live, print_error, print_out};
-use crate::family::{self, families, read_file, recorded, run_simulated, scene};
+use crate::control::{Operators, SharedQueue, queue};
+use crate::family::free_module::plan_scene::plan_scene;
+use crate::family::{self, Recorded, families, read_file, recorded, run_simulated, scene};
+use crate::plan::document::PlanFile;
 use crate::record::journal::{JournalError, JournalSession, parts_of};
 use crate::report::human;
 use crate::report::page::page;
 use crate::report::schema::Report;
+use crate::run::PageChannels;
 use crate::run::processes::{self, Processes};
 use crate::scenario::shipped::is_scenario;
-use crate::scenario::{LinkKind, Overrides, Plan};
+use crate::scenario::{LinkKind, Overrides, Plan, quote};
+use crate::view::figure::request::{Command, Origin};
+use crate::view::saved::Subject;
 use crate::view::scene_builder::Shared;
 use crate::view::server::{Server, ServerError};
 use metamorph_sim_bridge::director::outcome::Outcome;
-use metamorph_sim_bridge::kernel::recording::Log;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -50,7 +56,14 @@ pub fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8,
         // The journal is written during the run; only its permission is checked here.
         outputs.writes("--journal", file)?;
     }
-    let asked = Asked { json: args.json, html: args.html, view: args.view, quiet: args.quiet };
+    let asked = Asked {
+        json: args.json,
+        html: args.html,
+        journal: args.journal.clone(),
+        view: args.view,
+        control: args.control,
+        quiet: args.quiet,
+    };
     let show = Show::begin(&plan, asked, &mut outputs, interrupt)?;
     let mut live = Live::new(!args.quiet);
     let begin = match overrides.link {
@@ -59,12 +72,12 @@ pub fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8,
     };
     let keeping = args.journal.as_deref().map(|file| begin(file, &plan)).transpose();
     let keeping = keeping.map_err(JournalFailure)?;
-    let log = show.log(&plan);
+    let page = show.channels(&plan);
     let report = match overrides.link {
-        LinkKind::Sim => run_simulated(&plan, &show.interrupt, &mut live, since, keeping, log),
+        LinkKind::Sim => run_simulated(&plan, &show.interrupt, &mut live, since, keeping, page),
         LinkKind::Ipc => {
             let (patience, live) = (args.patience, &mut live);
-            let processes = Processes { live, since, keeping, patience, hosts, scribe: log };
+            let processes = Processes { live, since, keeping, patience, hosts, page };
             family::of(&plan).run_processes(&plan, processes)?
         }
     };
@@ -81,10 +94,17 @@ pub fn resume(args: ResumeArgs, since: Stopwatch, interrupt: &Interrupt) -> Resu
     plan.files.iter().for_each(|file| outputs.reads("a file that the scenario names,", file));
     outputs.reads_directory("a part of the journal,", &parts_of(&args.file));
     outputs.writes("the journal", &args.file)?;
-    let asked = Asked { json: args.json, html: args.html, view: args.view, quiet: args.quiet };
+    let asked = Asked {
+        json: args.json,
+        html: args.html,
+        journal: Some(args.file.clone()),
+        view: args.view,
+        control: args.control,
+        quiet: args.quiet,
+    };
     let show = Show::begin(&plan, asked, &mut outputs, interrupt)?;
     let mut live = Live::new(!args.quiet);
-    let report = family::of(&plan).resume(left, &mut live, since, show.log(&plan))?;
+    let report = family::of(&plan).resume(left, &mut live, since, show.channels(&plan))?;
     drop(live);
     show.end(&plan, &report, Some(&args.file))
 }
@@ -93,7 +113,9 @@ pub fn resume(args: ResumeArgs, since: Stopwatch, interrupt: &Interrupt) -> Resu
 struct Asked {
     json: Option<PathBuf>,
     html: Option<PathBuf>,
+    journal: Option<PathBuf>,
     view: bool,
+    control: bool,
     quiet: bool,
 }
 
@@ -104,6 +126,7 @@ struct Show {
     view: bool,
     quiet: bool,
     scene: Option<Shared>,
+    control: Option<SharedQueue>,
     interrupt: Interrupt,
 }
 
@@ -115,27 +138,36 @@ impl Show {
         interrupt: &Interrupt,
     ) -> Result<Show, Failure> {
         interrupt.begin();
-        let Asked { json, html, view, quiet } = asked;
+        let Asked { json, html, journal, view, control, quiet } = asked;
         let json = Json::of(json.as_deref(), outputs)?;
         let html = html.map(|file| outputs.writes("--html", &file)).transpose()?;
         let watched = view || html.is_some();
         let messages = plan.overrides.link == LinkKind::Sim;
         let scene = watched.then(|| Shared::new(scene(plan, messages)));
+        let (operators, control) = control.then(queue).unzip();
         if let Some(scene) = scene.as_ref().filter(|_| view) {
             // Standard output is for the report.
-            print_error(&address(scene, None)?);
+            // What the journal holds, `render` draws; a run that is not recorded can only be repeated.
+            let command = match &journal {
+                Some(file) => Command::of_file(file),
+                None => Command::Run(plan.repeat_with()),
+            };
+            let origin = Origin { title: plan.title(), seed: plan.seed, command };
+            let subject = Subject::new(family::of(plan).shown(plan), origin);
+            print_error(&address(scene, subject, None, operators)?);
         }
-        Ok(Show { json, html, view, quiet, scene, interrupt: interrupt.clone() })
+        Ok(Show { json, html, view, quiet, scene, control, interrupt: interrupt.clone() })
     }
 
-    /// Returns the log whose records fill the scene of the page and the HTML report; `None` if neither is
-    /// wanted.
-    fn log(&self, plan: &Plan) -> Option<Log> {
-        self.scene.as_ref().map(|scene| family::of(plan).shown(plan).scribe(scene.clone()))
+    /// Returns the log whose records fill the scene of the page and the HTML report, if either is wanted, and the
+    /// commands from the page, if it may give some.
+    fn channels(&self, plan: &Plan) -> PageChannels {
+        let scribe = self.scene.as_ref().map(|scene| family::of(plan).shown(plan).scribe(scene.clone()));
+        PageChannels { scribe, control: self.control.clone() }
     }
 
     fn end(self, plan: &Plan, report: &Report, journal: Option<&Path>) -> Result<u8, Failure> {
-        let Show { json, html, view, quiet, scene, interrupt } = self;
+        let Show { json, html, view, quiet, scene, interrupt, .. } = self;
         if let Some(scene) = &scene {
             finish(scene, plan, report, journal);
         }
@@ -159,10 +191,16 @@ impl Show {
     }
 }
 
-/// Serves a scene, and returns the text with its address.
-fn address(scene: &Shared, port: Option<u16>) -> Result<String, ServerError> {
-    let server = Server::start(scene.clone(), port)?;
-    Ok(format!("open {} in a browser\nCtrl-C ends it", server.address()))
+/// Serves a scene, and returns the text with its addresses.
+fn address(
+    scene: &Shared,
+    subject: Subject,
+    port: Option<u16>,
+    operators: Option<Operators>,
+) -> Result<String, ServerError> {
+    let server = Server::start(scene.clone(), subject, port, operators)?;
+    let control = server.controlling_address().map(|address| format!("\nto command the run, open {address}"));
+    Ok(format!("open {} in a browser{}\nCtrl-C ends it", server.address(), control.unwrap_or_default()))
 }
 
 /// Completes a scene with the report. The scene of a run of processes lacks their messages, which only the
@@ -172,12 +210,14 @@ fn finish(scene: &Shared, plan: &Plan, report: &Report, journal: Option<&Path>) 
         && let Some(journal) = journal
     {
         match recorded(journal) {
-            Ok((mut whole, None)) => {
+            Ok(Recorded { scene: mut whole, damage: None, .. }) => {
                 // First complete the scene: a page stops asking once a run is over.
                 whole.finish(report.clone());
                 return scene.replace(whole);
             }
-            Ok((_, Some(damage))) => tracing::warn!("the page shows no messages: {damage}"),
+            Ok(Recorded { damage: Some(damage), .. }) => {
+                tracing::warn!("the page shows no messages: {damage}")
+            }
             Err(error) => tracing::warn!("the page shows no messages: {error}"),
         }
     }
@@ -187,24 +227,41 @@ fn finish(scene: &Shared, plan: &Plan, report: &Report, journal: Option<&Path>) 
 /// Shows a journal, or a scenario that is simulated meanwhile.
 pub fn view(args: &ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
     if !is_scenario(&args.file) {
-        let (scene, damage) = recorded(&args.file)?;
+        let Recorded { plan, scene, damage } = recorded(&args.file)?;
         for trouble in scene.troubles() {
             print_error(&format!("note: {trouble}"));
         }
         interrupt.begin();
-        print_out(&address(&Shared::new(scene), args.port)?);
+        let subject =
+            Subject::new(family::of(&plan).shown(&plan), origin(&plan, &args.file, &args.simulated));
+        print_out(&address(&Shared::new(scene), subject, args.port, None)?);
         wait_for_end(interrupt);
         return damage.map_or(Ok(0), |damage| Err(JournalError::from(damage).into()));
     }
     let plan = plan(&args.file, &args.simulated.overrides())?;
     let scene = Shared::new(scene(&plan, true));
     interrupt.begin();
-    print_out(&address(&scene, args.port)?);
+    let subject = Subject::new(family::of(&plan).shown(&plan), origin(&plan, &args.file, &args.simulated));
+    print_out(&address(&scene, subject, args.port, None)?);
     let scribe = Some(family::of(&plan).shown(&plan).scribe(scene.clone()));
-    let report = run_simulated(&plan, interrupt, &mut Live::new(true), since, None, scribe);
+    let page = PageChannels { scribe, control: None };
+    let report = run_simulated(&plan, interrupt, &mut Live::new(true), since, None, page);
     scene.lock().finish(report);
     wait_for_end(interrupt);
     Ok(0)
+}
+
+/// Shows a plan step by step, until a signal asks the program to end.
+pub fn view_plan(plan: &PlanFile, port: Option<u16>, interrupt: &Interrupt) -> Result<(), Failure> {
+    let words = std::env::args().skip(1).map(quote);
+    let repeat = std::iter::once("metamorph".to_owned()).chain(words).collect::<Vec<_>>().join(" ");
+    let (scene, bodies) = plan_scene(plan, repeat.clone())?;
+    let origin = Origin { title: "plan".to_owned(), seed: 0, command: Command::Run(repeat) };
+    interrupt.begin();
+    // Standard output is for the answer.
+    print_error(&address(&Shared::new(scene), Subject::new(Box::new(bodies), origin), port, None)?);
+    interrupt.wait();
+    Ok(())
 }
 
 /// Waits until a signal asks the program to end. Returns at once if standard output has failed, since the

@@ -4,8 +4,8 @@ use crate::console::command_error::{BAD_USAGE, CommandError};
 use crate::console::escape::Shown;
 use crate::console::format::{many, seconds};
 use crate::console::output::{OutputError, Outputs};
-use crate::family::{self, families, recorded};
-use crate::record::journal::{Journal, JournalError, plan_of};
+use crate::family::{self, Recorded, recorded};
+use crate::record::journal::JournalError;
 use crate::view::export::sdf::sdf;
 use crate::view::export::structure::{Measures, NotConnected, Structure};
 use crate::view::export::urdf::urdf;
@@ -72,12 +72,8 @@ pub enum Format {
 pub fn export_structure(args: &ExportArgs, file: &Path, format: Format) -> Result<String, StructureError> {
     let option = if format == Format::Urdf { "--urdf" } else { "--sdf" };
     let output = Outputs::new().creates(option, file)?;
-    let plan = {
-        let journal = Journal::open(&args.journal)?;
-        plan_of(families(), journal.head()).map_err(ReadError::from)?
-    };
+    let Recorded { plan, scene, damage } = recorded(&args.journal)?;
     let swarm = family::of(&plan).shown(&plan);
-    let (scene, damage) = recorded(&args.journal)?;
     if let Some(damage) = damage {
         return Err(JournalError::from(damage).into());
     }

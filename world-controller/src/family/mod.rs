@@ -17,6 +17,7 @@ use crate::record::journal::{Damage, Journal, JournalSession, plan_of};
 use crate::report::progress;
 use crate::report::run_result::RunResult;
 use crate::report::schema::Report;
+use crate::run::PageChannels;
 use crate::run::processes::{self, LeftBehind, ProcessError, Processes};
 use crate::run::replay::{self, AgentOf, ReplayError, Replayed, Request, Worded};
 use crate::run::runnable::Runnable;
@@ -24,6 +25,7 @@ use crate::run::simulated::{self, Simulation, SteppedRun, Watch};
 use crate::scenario::diagnostics::Diagnostics;
 use crate::scenario::family::{Families, ScenarioFamily};
 use crate::scenario::{self, Overrides, Plan};
+use crate::view::beginning::Heading;
 use crate::view::bodies::{Bodies, ShownSwarm};
 use crate::view::scene::Scene;
 use crate::view::scene_builder::{ReadError, Shared};
@@ -32,7 +34,6 @@ use metamorph_module_agent::process::args::ArgsError;
 use metamorph_module_agent::{AgentArgs, AgentError};
 use metamorph_protocol::agent::Agent;
 use metamorph_sim_bridge::director::progress::Progress;
-use metamorph_sim_bridge::kernel::recording::Log;
 use std::ffi::OsString;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -41,6 +42,10 @@ use thiserror::Error;
 /// The built-in families; the first is the default of scenarios.
 const BUILT_IN: &[&dyn Family] =
     &[&cube::CubeFamily, &metamodule::MetamoduleFamily, &free_module::FreeModuleFamily];
+
+/// Parts of built-in families that have agents of their own, by the name of these agents.
+const OTHER_AGENTS: &[(&str, &dyn Family)] =
+    &[(free_module::walking::AGENT, &free_module::walking::WalkingFamily)];
 
 /// What exploration needs of a family.
 pub trait ExploredFamily: ScenarioFamily {
@@ -83,14 +88,14 @@ pub trait Family: ExploredFamily {
         left: LeftBehind,
         live: &mut Live,
         since: Stopwatch,
-        scribe: Option<Log>,
+        page: PageChannels,
     ) -> Result<Report, ProcessError>;
     /// Replays a journal.
     fn replay(&self, plan: &Plan, journal: &mut Journal, request: &Request) -> Replayed;
     /// Runs one agent until its controller stops it or is gone.
     fn agent(&self, args: &AgentArgs) -> Result<(), AgentError>;
     /// The bodies of a plan at its start, for all that shows them.
-    fn shown(&self, plan: &Plan) -> Box<dyn ShownSwarm>;
+    fn shown(&self, plan: &Plan) -> Box<dyn ShownSwarm + Send>;
 }
 
 impl<F: FamilyParts> Family for F
@@ -112,10 +117,10 @@ where
         left: LeftBehind,
         live: &mut Live,
         since: Stopwatch,
-        scribe: Option<Log>,
+        page: PageChannels,
     ) -> Result<Report, ProcessError> {
         let shared = left.plan.swarm.clone();
-        processes::resume(shared.own::<F::Swarm>(), left, live, since, scribe).map(with_all_parts)
+        processes::resume(shared.own::<F::Swarm>(), left, live, since, page).map(with_all_parts)
     }
     fn replay(&self, plan: &Plan, journal: &mut Journal, request: &Request) -> Replayed {
         replay::run(plan.swarm.own::<F::Swarm>(), plan, journal, request)
@@ -123,7 +128,7 @@ where
     fn agent(&self, args: &AgentArgs) -> Result<(), AgentError> {
         metamorph_module_agent::run::<AgentOf<F::Swarm>>(args)
     }
-    fn shown(&self, plan: &Plan) -> Box<dyn ShownSwarm> {
+    fn shown(&self, plan: &Plan) -> Box<dyn ShownSwarm + Send> {
         let swarm = plan.swarm.own::<F::Swarm>();
         let (setup, places) = (Arc::clone(swarm.setup()), self.places(swarm));
         Box::new(Bodies::<AgentOf<F::Swarm>> { setup, places })
@@ -186,9 +191,15 @@ pub fn named(name: &str) -> Option<&'static dyn Family> {
     all().iter().copied().find(|family| family.name() == name)
 }
 
-/// Returns the family of a plan.
+/// Returns the family, or the part of one, whose agents have this name.
+fn with_agents(name: &str) -> Option<&'static dyn Family> {
+    let other = OTHER_AGENTS.iter().find(|(agent, _)| *agent == name);
+    other.map(|(_, family)| *family).or_else(|| named(name))
+}
+
+/// Returns the family of a plan, or the part of it with the agents of the plan.
 pub fn of(plan: &Plan) -> &'static dyn Family {
-    named(plan.swarm.family()).expect("invariant: a plan is made by a family of the list")
+    with_agents(plan.swarm.agent()).expect("invariant: a plan is made by a family of the list")
 }
 
 /// Reads and checks a scenario file.
@@ -203,11 +214,21 @@ pub fn read_text(origin: &str, text: &str, overrides: &Overrides) -> Result<Plan
 
 /// Creates the scene of a plan before its run. `messages` says whether messages will be shown.
 pub fn scene(plan: &Plan, messages: bool) -> Scene {
-    Scene::new(plan, &*of(plan).shown(plan), messages)
+    Scene::new(Heading::of(plan), &*of(plan).shown(plan), messages)
 }
 
-/// Builds the scene of a journal up to the first damage, and returns it with that damage.
-pub fn recorded(file: &Path) -> Result<(Scene, Option<Damage>), ReadError> {
+/// What a journal holds.
+pub struct Recorded {
+    /// The plan of the run.
+    pub plan: Plan,
+    /// The run, up to the first damage.
+    pub scene: Scene,
+    /// That damage.
+    pub damage: Option<Damage>,
+}
+
+/// Builds the scene of a journal.
+pub fn recorded(file: &Path) -> Result<Recorded, ReadError> {
     let mut journal = Journal::open(file)?;
     let plan = plan_of(families(), journal.head())?;
     let scene = Shared::new(scene(&plan, true));
@@ -220,14 +241,17 @@ pub fn recorded(file: &Path) -> Result<(Scene, Option<Damage>), ReadError> {
     let (mut scene, damage) = (scene.into_inner(), whole.err());
     let troubles = journal.troubles().into_iter().chain(damage.as_ref().map(Damage::to_string));
     scene.end(troubles.collect());
-    Ok((scene, damage))
+    Ok(Recorded { plan, scene, damage })
 }
 
 /// Simulates a plan to its end, or until `watch` returns false; also returns the results of world and
 /// director. `since` was started with the program. Standstills are not searched for what could still have
 /// been built.
 pub fn simulate(plan: &Plan, since: Stopwatch, watch: &mut Watch<'_>) -> (Report, RunResult) {
-    of(plan).simulate(plan, Simulation { since, watch, keeping: None, scribe: None, search: false })
+    of(plan).simulate(
+        plan,
+        Simulation { since, watch, keeping: None, page: PageChannels::default(), search: false },
+    )
 }
 
 /// Begins a simulated run that is carried out in steps, for programs that embed one.
@@ -243,14 +267,14 @@ pub fn run_simulated(
     live: &mut Live,
     since: Stopwatch,
     keeping: Option<JournalSession>,
-    scribe: Option<Log>,
+    page: PageChannels,
 ) -> Report {
     tracing::info!(modules = plan.swarm.len(), seed = plan.seed, "the simulation starts");
     let mut watch = |now, so_far: &dyn Fn() -> Progress| {
         live.show(|| progress(plan, now, &so_far()));
         !interrupt.is_set()
     };
-    let simulation = Simulation { since, watch: &mut watch, keeping, scribe, search: true };
+    let simulation = Simulation { since, watch: &mut watch, keeping, page, search: true };
     let (report, _) = of(plan).simulate(plan, simulation);
     live.clear();
     report
@@ -281,7 +305,7 @@ impl CommandError for AgentProcessError {}
 pub fn agent(line: &[OsString]) -> Result<(), AgentProcessError> {
     let (first, rest) = line.split_first().ok_or(ArgsError::Missing("the family"))?;
     let name = first.to_string_lossy();
-    let family = named(&name).ok_or_else(|| ArgsError::Family(name.into_owned()))?;
+    let family = with_agents(&name).ok_or_else(|| ArgsError::Family(name.into_owned()))?;
     Ok(family.agent(&AgentArgs::parse(rest.iter().cloned())?)?)
 }
 

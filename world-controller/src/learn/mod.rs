@@ -1,19 +1,12 @@
 //! `metamorph learn`: learns a gait of a structure in simulation, with bodies.
 //!
-//! `ask_tell` has the learners, `space` the parameters of a network, `study` the trials and their fitness, `document` the
-//! gait file, `progress` the runs over all seeds, and `text` what is printed.
+//! `progress` has the runs over all seeds, and `text` what is printed; learners, trials and gait files are in
+//! [`gait`](crate::gait).
 //!
 //! *Invariant.* A gait file depends on the structure, the options and the engine only: not on the number of threads, the
 //! machine, or interruptions.
 
-mod ask_tell;
-mod cma;
-pub mod document;
 mod progress;
-mod pso;
-mod repertoire;
-mod space;
-mod study;
 mod text;
 
 use crate::console::command_error::{BAD_USAGE, CommandError};
@@ -23,12 +16,14 @@ use crate::console::interrupt::Interrupt;
 use crate::console::output::{Json, Output, OutputError, Outputs};
 use crate::console::terminal::{Channel, Live};
 use crate::experiments::sweep::grid::{GridError, Seeds};
+use crate::gait::ask_tell::Method;
+use crate::gait::document::{FORMAT, GaitFile, StudyPart, VERSION, written};
+use crate::gait::file;
+use crate::gait::space::{Gait, Space};
+use crate::gait::study::{Fitness, Study};
 use crate::plan::PlanError;
-use crate::plan::input::read_document;
 use crate::structure::{self, NetworkArg, StructureCommandError};
-use ask_tell::Method;
 use clap::Args;
-use document::{FORMAT, GaitFile, StudyPart, VERSION, written};
 use metamorph_protocol::free_module::named;
 use metamorph_protocol::free_module::network::NetworkKind;
 use metamorph_protocol::ids::ModuleId;
@@ -37,10 +32,8 @@ use metamorph_sim_bridge::free_module::physics::{Down, NotADirection, PhysicsErr
 use metamorph_sim_bridge::free_module::rapier::ENGINE;
 use metamorph_sim_bridge::free_module::trial::Course;
 use progress::Runs;
-use space::{Gait, Space};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use study::{Fitness, Study};
 use thiserror::Error;
 
 /// The end of the command's help.
@@ -277,35 +270,16 @@ fn asked(args: &LearnArgs) -> Result<Asked, LearnError> {
     Ok(Asked { study, part, from, seeds: Seeds::parse(&args.seeds)?, notes })
 }
 
-/// Reads a gait file.
-fn gait_file(place: &str, path: &Path) -> Result<GaitFile, PlanError> {
-    read_document(place, path, (FORMAT, VERSION), "gait")
-}
-
-/// Reads the best gait of a file, of the structure with this fingerprint and number of modules.
+/// Reads the best gait of a file.
 fn known(path: &Path, fingerprint: &str, modules: usize) -> Result<Gait, PlanError> {
     let place = format!("--from {}", path.shown());
-    let file = gait_file(&place, path)?;
-    if file.study.fingerprint != fingerprint {
-        let reason = format!(
-            "the gait is of a structure with fingerprint {}, not {fingerprint}",
-            file.study.fingerprint
-        );
-        return Err(PlanError::option(&place, reason, "name a gait of this structure"));
-    }
-    let best = file.best.ok_or_else(|| {
-        PlanError::option(&place, "there is no gait in it", "let the study try gaits first, with --resume")
-    })?;
-    document::read(&best.joints, 3 * modules).map_err(|(joint, what)| {
-        let reason = format!("joint {joint} {what}");
-        PlanError::option(&place, reason, "learn the gait again, or correct the file")
-    })
+    file::best(&place, &file::read(&place, path)?, fingerprint, modules)
 }
 
 /// Reads the file of a study to be resumed.
 fn resumed(path: &Path, part: &StudyPart) -> Result<GaitFile, PlanError> {
     let place = format!("--resume {}", path.shown());
-    let file = gait_file(&place, path)?;
+    let file = file::read(&place, path)?;
     match part.difference(&file.study) {
         None => Ok(file),
         Some((what, ours, theirs)) => {

@@ -1,12 +1,12 @@
 //! The runs of a study: one for each seed, from what a gait file has up to the number of trials.
 
 use super::LearnError;
-use super::ask_tell::{Point, Scored};
-use super::document::{Best, GaitFile, RunPart, StudyPart, written};
-use super::study::{Study, Trial};
 use crate::console::interrupt::Interrupt;
 use crate::console::terminal::Live;
 use crate::experiments::sweep::grid::Seeds;
+use crate::gait::ask_tell::{Point, Scored};
+use crate::gait::document::{Best, GaitFile, RunPart, StudyPart, written};
+use crate::gait::study::{Study, Trial};
 use crate::plan::PlanError;
 use std::num::NonZeroUsize;
 use std::sync::Mutex;

@@ -1,10 +1,10 @@
 //! What was learnt, as text.
 
-use super::document::GaitFile;
-use super::study::Study;
 use crate::console::format::{many, number, whole_percent};
 use crate::console::table::Table;
 use crate::console::terminal::Paint;
+use crate::gait::document::GaitFile;
+use crate::gait::study::Study;
 use crate::report::statistics::Spread;
 use metamorph_sim_bridge::free_module::trial::Outcome;
 

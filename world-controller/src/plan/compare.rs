@@ -3,7 +3,6 @@
 use super::error::PlanError;
 use super::input::Structured;
 use crate::console::format::{count, many};
-use crate::console::interrupt::Interrupt;
 use crate::console::terminal::Live;
 use metamorph_protocol::assembly::action::Rules;
 use metamorph_protocol::assembly::configuration::Configuration;
@@ -117,29 +116,34 @@ pub struct Level {
     pub complete: bool,
 }
 
-/// Counts what can be reached.
+/// Counts what can be reached, until `is_over` returns true.
 pub fn counted(
     start: &Configuration,
     rules: &Rules,
     limits: Limits,
-    interrupt: &Interrupt,
+    is_over: &mut impl FnMut() -> bool,
     live: &mut Live,
 ) -> Count {
     let n = start.len();
     let graph = ShapeGraph { modules: n, prices: Prices::ONE };
-    let shapes = drive(Levels::new(graph, &Shape::of(start), limits), "shapes", interrupt, live);
+    let shapes = drive(Levels::new(graph, &Shape::of(start), limits), "shapes", is_over, live);
     let space = Assembly::new(n, rules.clone(), Objective::Actions, &Goal::None, 0);
-    let configurations = drive(Levels::new(space, start, limits), "configurations", interrupt, live);
+    let configurations = drive(Levels::new(space, start, limits), "configurations", is_over, live);
     live.clear();
     Count { shapes, configurations }
 }
 
-fn drive<S: Space>(mut levels: Levels<S>, what: &str, interrupt: &Interrupt, live: &mut Live) -> Level {
+fn drive<S: Space>(
+    mut levels: Levels<S>,
+    what: &str,
+    is_over: &mut impl FnMut() -> bool,
+    live: &mut Live,
+) -> Level {
     let complete = loop {
         match levels.advance(256) {
             Counted::All => break true,
             Counted::OutOfRoom => break false,
-            Counted::Running if interrupt.is_set() => break false,
+            Counted::Running if is_over() => break false,
             Counted::Running => live.show(|| format!("{} {what}", count(levels.table().len() as u64))),
         }
     };

@@ -78,7 +78,10 @@ pub enum StructureFile {
 
 /// A module of a structure.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-#[serde(untagged)]
+#[serde(
+    untagged,
+    expecting = "a module is two cells, or an object of cells, foot_rotation and three joints_deg"
+)]
 pub enum Module {
     /// Its two cells.
     Cells([[i64; 3]; 2]),

@@ -35,12 +35,14 @@ pub enum PlanError {
         error: NameError,
     },
     /// A file cannot be read.
-    #[error("{place}: cannot be read: {error}\n  fix: {SHAPES}")]
+    #[error("{place}: cannot be read: {error}\n  fix: {fix}", fix = read_fix(.schema))]
     Read {
         /// The option and the file.
         place: String,
         /// What is wrong.
         error: io::Error,
+        /// The name of the schema of such files.
+        schema: &'static str,
     },
     /// A file is not a document of this format.
     #[error("{place}: {reason}\n  fix: `metamorph schema {schema}` describes the format")]
@@ -117,6 +119,14 @@ impl CommandError for PlanError {
     }
     fn text(&self) -> String {
         format!("metamorph: {self}")
+    }
+}
+
+fn read_fix(schema: &str) -> &'static str {
+    match schema {
+        "structure" => SHAPES,
+        "plan" => "name a file that `metamorph plan -o FILE` has written",
+        _ => "name a regular file that this user may read",
     }
 }
 

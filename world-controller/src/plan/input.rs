@@ -4,6 +4,7 @@ use super::connected;
 use super::document::{Module, PLAN, PlanFile, Posed, STRUCTURE, Structure, StructureFile, VERSION};
 use super::error::PlanError;
 use crate::console::escape::Shown;
+use crate::scenario::shipped;
 use metamorph_module_agent::regular_file;
 use metamorph_protocol::assembly::configuration::Configuration;
 use metamorph_protocol::assembly::named;
@@ -65,7 +66,7 @@ struct Form {
 
 /// Reads a structure file of either form.
 pub fn read_structure_file(place: &str, path: &Path) -> Result<StructureFile, PlanError> {
-    let text = read_text(place, path)?;
+    let text = read_text(place, path, "structure")?;
     let form: Form = parse(place, &text, "structure")?;
     let file = match form.connections {
         None => StructureFile::Cells(parse(place, &text, "structure")?),
@@ -92,8 +93,15 @@ fn other_version(place: String, wanted: &str, format: &str, version: u32, schema
     PlanError::Format { place, reason, schema }
 }
 
-fn read_text(place: &str, path: &Path) -> Result<Vec<u8>, PlanError> {
-    regular_file::read(path, LARGEST).map_err(|error| PlanError::Read { place: place.to_owned(), error })
+fn read_text(place: &str, path: &Path, schema: &'static str) -> Result<Vec<u8>, PlanError> {
+    if let Some(shipped) = shipped::file(path) {
+        return Ok(shipped.to_vec());
+    }
+    regular_file::read(path, LARGEST).map_err(|error| PlanError::Read {
+        place: place.to_owned(),
+        error,
+        schema,
+    })
 }
 
 fn parse<T: DeserializeOwned>(place: &str, text: &[u8], schema: &'static str) -> Result<T, PlanError> {
@@ -120,7 +128,7 @@ pub fn read_document<T: DeserializeOwned>(
     (format, version): (&str, u32),
     schema: &'static str,
 ) -> Result<T, PlanError> {
-    let text = read_text(place, path)?;
+    let text = read_text(place, path, schema)?;
     let head: Head = parse(place, &text, schema)?;
     if (head.format.as_str(), head.version) != (format, version) {
         return Err(other_version(place.to_owned(), format, &head.format, head.version, schema));

@@ -5,12 +5,12 @@
 //! plan. The planners themselves
 //! are in `metamorph_protocol::plan` and `assembly`.
 
-mod check;
+pub mod check;
 mod compare;
 pub mod connected;
 mod counts;
 pub mod document;
-mod error;
+pub mod error;
 mod ground;
 pub mod input;
 pub mod solve;
@@ -20,9 +20,10 @@ pub use error::PlanError;
 use crate::console::format::{bytes, count, many};
 use crate::console::interrupt::Interrupt;
 use crate::console::output::{Json, Outputs};
+use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::{Channel, Live, print_error};
 use clap::{Args, ValueEnum};
-use document::{Answer, Verdict};
+use document::{Answer, PlanFile, Verdict};
 use input::{Structured, structured};
 use metamorph_protocol::assembly::action::{Connectors, Rules};
 use metamorph_protocol::assembly::collision::Model;
@@ -43,6 +44,7 @@ Examples:
   metamorph plan --from line:4 --to loop:3x3             an optimal plan, proved
   metamorph plan --from line:4 --to loop:3x3 --types 123 --collision final -o plan.json
   metamorph plan --check plan.json                       carry it out, independently of the planner
+  metamorph plan --check plan.json --view                and show it in the browser, step by step
   metamorph plan --from zigzag:4 --to line:4 --seed 1 --planner ara --timeout 60s
   metamorph plan --from line:4 --to loop:3x3 --collision core --floor --gravity --up x     a tower
   metamorph plan --distance line:4 ell:4
@@ -62,6 +64,22 @@ Exit codes:
   7  stopped by Ctrl-C, SIGTERM or SIGHUP; the answer has the best plan so far and the bound
   8  a plan does not check";
 
+/// The options of searches, which answer no other question.
+const OF_SEARCHES: [&str; 12] = [
+    "types",
+    "joints",
+    "seed",
+    "objective",
+    "collision",
+    "connectors",
+    "planner",
+    "weight",
+    "memory",
+    "timeout",
+    "work",
+    "out",
+];
+
 /// Arguments of `plan`.
 #[derive(Debug, Args)]
 pub struct PlanArgs {
@@ -72,13 +90,13 @@ pub struct PlanArgs {
     #[arg(long, value_name = "SHAPE", requires = "from")]
     pub to: Option<String>,
     /// Of a line: the quarter turns of its connections, one digit 0..3 each; default: all 0
-    #[arg(long, value_name = "DIGITS")]
+    #[arg(long, value_name = "DIGITS", conflicts_with = "seed")]
     pub types: Option<String>,
     /// A structure file with the joint values of the start; default: all 0
     #[arg(long, value_name = "FILE", conflicts_with_all = ["types", "seed"])]
     pub joints: Option<PathBuf>,
     /// Draw the joint values of the start from this seed; default: all 0
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
     pub seed: Option<u64>,
     /// What the cost counts
     #[arg(long, value_enum, default_value_t = ObjectiveArg::Actions)]
@@ -117,19 +135,19 @@ pub struct PlanArgs {
     #[arg(long, value_name = "T", allow_hyphen_values = true)]
     pub timeout: Option<String>,
     /// Stop after N expanded states; default: none
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
     pub work: Option<u64>,
     /// Check a plan file: carry it out, and name the first action that is not possible
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["from", "distance", "recognise", "count"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["from", "distance", "recognise", "count", "json"], conflicts_with_all = OF_SEARCHES)]
     pub check: Option<PathBuf>,
     /// Compare two structures; default: none
-    #[arg(long, value_names = ["A", "B"], num_args = 2, conflicts_with_all = ["from", "recognise", "count"])]
+    #[arg(long, value_names = ["A", "B"], num_args = 2, conflicts_with_all = ["from", "recognise", "count"], conflicts_with_all = OF_SEARCHES)]
     pub distance: Option<Vec<String>>,
     /// Name a shape, its symmetries, and the metamodules in it; default: none
-    #[arg(long, value_name = "SHAPE", conflicts_with_all = ["from", "count"])]
+    #[arg(long, value_name = "SHAPE", conflicts_with_all = ["from", "count"], conflicts_with_all = OF_SEARCHES)]
     pub recognise: Option<String>,
     /// Count shapes and configurations by their distance from this one; default: none
-    #[arg(long, value_name = "SHAPE", conflicts_with = "from")]
+    #[arg(long, value_name = "SHAPE", conflicts_with_all = ["from", "objective", "planner", "weight", "out"])]
     pub count: Option<String>,
     /// Write the plan to this file
     #[arg(short, long, value_name = "FILE")]
@@ -138,6 +156,12 @@ pub struct PlanArgs {
     /// to standard error)
     #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
     pub json: Option<PathBuf>,
+    /// Show the plan in the browser step by step, until Ctrl-C; the address is printed
+    #[arg(long, conflicts_with_all = ["distance", "recognise", "count"])]
+    pub view: bool,
+    /// With --view: the port of the page's address, for example one that is forwarded; default: any free one
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), requires = "view")]
+    pub port: Option<u16>,
     /// Print errors only, and JSON if requested
     #[arg(short, long)]
     pub quiet: bool,
@@ -203,8 +227,8 @@ const UNDECIDED: u8 = 4;
 /// Exit code: a plan does not check.
 const DIFFERENT: u8 = 8;
 
-/// Answers the request, and returns the exit code.
-pub fn plan(args: &PlanArgs, interrupt: &Interrupt) -> Result<u8, PlanError> {
+/// Answers the request, and returns the exit code and the plan, if there is one that checks.
+pub fn plan(args: &PlanArgs, interrupt: &Interrupt) -> Result<(u8, Option<PlanFile>), PlanError> {
     let mut outputs = Outputs::new();
     for file in [&args.joints, &args.check].into_iter().flatten() {
         outputs.reads("the file", file);
@@ -223,11 +247,11 @@ pub fn plan(args: &PlanArgs, interrupt: &Interrupt) -> Result<u8, PlanError> {
                     many(plan.actions.len() as u64, "action"),
                     plan.cost
                 ));
-                Ok(0)
+                Ok((0, Some(plan)))
             }
             Err(error @ PlanError::Check { .. }) => {
                 print_error(&error.to_string());
-                Ok(DIFFERENT)
+                Ok((DIFFERENT, None))
             }
             Err(error) => Err(error),
         };
@@ -236,16 +260,16 @@ pub fn plan(args: &PlanArgs, interrupt: &Interrupt) -> Result<u8, PlanError> {
         let found = compare::distance(&structured("--distance", a)?, &structured("--distance", b)?, [a, b])?;
         json.write(&found)?;
         channel.say(&compare::distance_text(&found));
-        return Ok(0);
+        return Ok((0, None));
     }
     if let Some(shape) = &args.recognise {
         let found = compare::recognised(&structured("--recognise", shape)?);
         json.write(&found)?;
         channel.say(&compare::recognised_text(&found));
-        return Ok(0);
+        return Ok((0, None));
     }
     if let Some(shape) = &args.count {
-        return counted(args, shape, &json, channel, interrupt);
+        return Ok((counted(args, shape, &json, channel, interrupt)?, None));
     }
     let problem = problem(args)?;
     let file = args.out.as_ref().map(|file| outputs.writes("-o", file)).transpose()?;
@@ -256,14 +280,14 @@ pub fn plan(args: &PlanArgs, interrupt: &Interrupt) -> Result<u8, PlanError> {
         && let Err(error) = check::check("this plan (an error of the planner)", plan)
     {
         print_error(&error.to_string());
-        return Ok(DIFFERENT);
+        return Ok((DIFFERENT, None));
     }
     if let (Some(file), Some(plan)) = (&file, &answer.plan) {
         file.write(crate::console::escape::json(plan) + "\n")?;
     }
     json.write(&answer)?;
     channel.say(&text(&answer));
-    Ok(exit_code(&answer))
+    Ok((exit_code(&answer), answer.plan))
 }
 
 fn exit_code(answer: &Answer) -> u8 {
@@ -284,7 +308,11 @@ fn counted(
 ) -> Result<u8, PlanError> {
     let start = start(args, "--count", shape)?;
     interrupt.begin();
-    let found = compare::counted(&start, &rules(args), limits(args)?, interrupt, &mut Live::new(!args.quiet));
+    let timeout = args.timeout.as_deref().map(timeout).transpose()?;
+    let since = Stopwatch::start();
+    let mut is_over = || interrupt.is_set() || timeout.is_some_and(|limit| since.elapsed() >= limit);
+    let found =
+        compare::counted(&start, &rules(args), limits(args)?, &mut is_over, &mut Live::new(!args.quiet));
     json.write(&found)?;
     channel.say(&compare::counted_text(&found));
     Ok(if interrupt.is_set() { Outcome::Aborted.exit_code() } else { 0 })
@@ -406,7 +434,7 @@ fn weight(args: &PlanArgs) -> Result<u32, PlanError> {
     };
     let number: f64 = text.parse().map_err(|_| wrong("this is not a number"))?;
     if !(1.0..=100.0).contains(&number) {
-        return Err(wrong("the weight must be at least 1"));
+        return Err(wrong("the weight must be at least 1 and at most 100"));
     }
     if !matches!(args.planner, Planner::Auto | Planner::Portfolio | Planner::Astar) {
         let fix = "use --planner portfolio or --planner astar";
@@ -418,7 +446,7 @@ fn weight(args: &PlanArgs) -> Result<u32, PlanError> {
 fn limits(args: &PlanArgs) -> Result<Limits, PlanError> {
     let text = args.memory.trim();
     let wrong = |reason: String| {
-        let fix = format!("write at least {}, such as 512MiB or 2GiB", bytes(Limits::LEAST_MEMORY as u64));
+        let fix = format!("write at least {}MiB, such as 512MiB or 2GiB", Limits::LEAST_MEMORY >> 20);
         PlanError::option(&format!("--memory {text}"), reason, fix)
     };
     let end = text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len());
@@ -433,7 +461,7 @@ fn limits(args: &PlanArgs) -> Result<Limits, PlanError> {
     let memory = number.checked_mul(unit).and_then(|n| usize::try_from(n).ok());
     let memory = memory.ok_or_else(|| wrong("this is more than a machine has".to_owned()))?;
     if memory < Limits::LEAST_MEMORY {
-        return Err(wrong(format!("a search needs {}", bytes(Limits::LEAST_MEMORY as u64))));
+        return Err(wrong("this is less than a search needs".to_owned()));
     }
     Ok(Limits { memory, work: args.work.unwrap_or(u64::MAX) })
 }

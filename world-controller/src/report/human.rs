@@ -1,7 +1,7 @@
 //! The report as text: outcome first, then numbers, then how to repeat the run.
 
 use super::Words;
-use super::schema::{ClassCounts, EXTERNAL, ProofReport, Report, Standstill};
+use super::schema::{ClassCounts, EXTERNAL, FaultReport, ProofReport, Report, Standstill};
 use crate::console::escape::Shown;
 use crate::console::format::{bytes, count, many, seconds, whole_percent};
 use crate::console::progress::Status;
@@ -130,21 +130,30 @@ fn write_faults(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result 
         return Ok(());
     }
     let external = r.faults.iter().filter(|f| f.fault == EXTERNAL).count() as u64;
+    let commands = r.faults.iter().filter(|f| commanded(f).is_some()).count() as u64;
+    let also = |n: u64, what: &str| if n > 0 { format!(", {} {what}", count(n)) } else { String::new() };
     writeln!(out)?;
     writeln!(
         out,
-        "  {} ({} of {} planned struck{})",
+        "  {} ({} of {} planned struck{}{})",
         paint.strong("faults"),
-        count(r.faults.len() as u64 - external),
+        count(r.faults.len() as u64 - external - commands),
         count(r.faults_planned),
-        if external > 0 { format!(", {} from outside", count(external)) } else { String::new() }
+        also(commands, "by command"),
+        also(external, "from outside"),
     )?;
     for f in r.faults.iter().take(SHOWN) {
         let whom = f.module.map(|m| m.to_string()).unwrap_or_default();
-        writeln!(out, "    {:>9}  {:<9}{:>6}  {}", seconds(f.at_s), f.fault, whom, f.effect)?;
+        let by = commanded(f).map(|by| format!(" ({by})")).unwrap_or_default();
+        writeln!(out, "    {:>9}  {:<9}{:>6}  {}{by}", seconds(f.at_s), f.fault, whom, f.effect)?;
     }
     more(out, r.faults.len())?;
     Ok(())
+}
+
+/// Returns the operator whose command a fault was.
+pub fn commanded(fault: &FaultReport) -> Option<&str> {
+    Some(fault.by.as_str()).filter(|by| by.starts_with("operator"))
 }
 
 fn write_moves(out: &mut String, r: &Report) -> std::fmt::Result {

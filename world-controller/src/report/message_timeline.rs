@@ -114,7 +114,7 @@ pub struct LoggedText {
 }
 
 /// All messages of a run, in bins of equal width.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Flow {
     width: Span,
     bins: Vec<Bin>,

@@ -28,7 +28,7 @@ use hosts::HostsReport;
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::counters::{Counts, Tally};
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::faults::Fault;
+use metamorph_sim_bridge::director::faults::{FaultRecord, Origin};
 use metamorph_sim_bridge::director::outcome::{Outcome, Stall};
 use metamorph_sim_bridge::kernel::sim::{ControlCounts, Crossings};
 use metamorph_sim_bridge::world::invariants::Violation;
@@ -149,7 +149,8 @@ pub fn report(facts: &Facts<'_>) -> Report {
             violated: facts.violations.iter().map(violation).collect(),
         },
         faults: faults(plan, account, facts.now),
-        faults_planned: plan.schedule.len() as u64 + plan.link_changes().len() as u64,
+        faults_planned: plan.schedule.iter().filter(|s| s.by == Origin::Scenario).count() as u64
+            + plan.link_changes().len() as u64,
         notes: facts.notes.clone(),
         trace_hash: facts.trace_hash.map(digits),
         state_hash: facts.state_hash.map(digits),
@@ -256,17 +257,21 @@ fn faults(plan: &Plan, account: &RunResult, now: Time) -> Vec<FaultReport> {
         at_s: at.as_secs_f64(),
         fault: name.to_owned(),
         module: None,
+        by: Origin::Scenario.to_string(),
         effect,
     });
-    let mut faults: Vec<FaultReport> =
-        account.struck.iter().map(|s| fault(s.at, s.fault, &s.effect)).chain(of_links).collect();
+    let mut faults: Vec<FaultReport> = account.struck.iter().map(fault).chain(of_links).collect();
     faults.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
     faults
 }
 
-fn fault(at: Time, fault: Fault, effect: &str) -> FaultReport {
-    let text = fault.to_string();
-    let verb = text.split(' ').next().unwrap_or("").to_owned();
-    let module = fault.module().map(|id| id.0);
-    FaultReport { at_s: at.as_secs_f64(), fault: verb, module, effect: effect.to_owned() }
+fn fault(struck: &FaultRecord) -> FaultReport {
+    let text = struck.fault.to_string();
+    FaultReport {
+        at_s: struck.at.as_secs_f64(),
+        fault: text.split(' ').next().unwrap_or("").to_owned(),
+        module: struck.fault.module().map(|id| id.0),
+        by: struck.by.to_string(),
+        effect: struck.effect.clone(),
+    }
 }

@@ -2,7 +2,7 @@
 //! how to repeat the run. The file loads nothing, and `maud` escapes everything that comes from outside.
 
 use super::Words;
-use super::human::proved;
+use super::human::{commanded, proved};
 use super::over_time::{Layer, Mark, areas};
 use super::schema::{Report, Standstill, Waiting};
 use crate::console::format::{bytes, count, many, seconds, whole_percent};
@@ -258,7 +258,7 @@ fn faults(report: &Report) -> Markup {
                 tbody { @for f in report.faults.iter().take(SHOWN) { tr {
                     td { (seconds(f.at_s)) }
                     td.key { (f.fault) @if let Some(id) = f.module { " " (id) } }
-                    td.key.text { (f.effect) }
+                    td.key.text { (f.effect) @if let Some(by) = commanded(f) { " (" (by) ")" } }
                 } } }
             } }
             @if report.faults.len() > SHOWN { p.note { "The first " (SHOWN) " of " (count(report.faults.len() as u64)) "." } }

@@ -369,6 +369,9 @@ pub struct FaultReport {
     pub fault: String,
     /// The module; null if it hit a cell or links.
     pub module: Option<u32>,
+    /// `scenario`; `operator` and a number, for a command; or `external`. Empty in reports of earlier versions.
+    #[serde(default)]
+    pub by: String,
     /// The state of the module when it struck; for `external` also what was done, for `partition` the modules
     /// cut off.
     pub effect: String,

@@ -4,3 +4,15 @@ pub mod processes;
 pub mod replay;
 pub mod runnable;
 pub mod simulated;
+
+use crate::control::SharedQueue;
+use metamorph_sim_bridge::kernel::recording::Log;
+
+/// What connects a run with the page that shows it; nothing by default.
+#[derive(Clone, Default)]
+pub struct PageChannels {
+    /// Takes what happens in the run.
+    pub scribe: Option<Log>,
+    /// Has the commands of operators, if the run can be controlled.
+    pub control: Option<SharedQueue>,
+}

@@ -12,6 +12,7 @@ use crate::record::tee::both;
 use crate::report::balance::unbalanced;
 use crate::report::schema::Report;
 use crate::report::{Facts, progress, report};
+use crate::run::PageChannels;
 use crate::run::replay::{RecoverError, Recovered, recover};
 use crate::run::runnable::Runnable;
 use crate::scenario::Plan;
@@ -31,7 +32,7 @@ use metamorph_sim_bridge::director::faults::FaultRecord;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::director::progress::Progress;
-use metamorph_sim_bridge::kernel::recording::{Log, RecordedDirector, RecordedWorld};
+use metamorph_sim_bridge::kernel::recording::{RecordedDirector, RecordedWorld};
 use metamorph_sim_bridge::kernel::state::world_hash;
 use metamorph_sim_bridge::world::World;
 use std::path::{Path, PathBuf};
@@ -111,8 +112,8 @@ pub struct Processes<'l> {
     pub patience: Duration,
     /// The hosts file, if daemons run already.
     pub hosts: Option<HostsFile>,
-    /// The log of the page, if one is shown.
-    pub scribe: Option<Log>,
+    /// The page, if one is shown.
+    pub page: PageChannels,
 }
 
 /// A run of processes whose controller was killed.
@@ -149,12 +150,12 @@ fn options<R: Runnable>(swarm: &R, plan: &Plan, parts: Option<&Parts>) -> Result
     let program = std::env::current_exe().map_err(ProcessError::Program)?;
     Ok(SwarmOptions {
         // `--` keeps the agent's arguments from being read as options of this program.
-        program_args: vec!["agent".into(), "--".into(), swarm.family().into()],
+        program_args: vec!["agent".into(), "--".into(), swarm.agent().into()],
         seed: plan.seed,
         speed: speed(plan.time_scale),
         tolerance: swarm.time_step() / TOLERATED,
         link: plan.link.clone(),
-        hosts: HostsOptions { build: build(), family: swarm.family().to_owned(), ..HostsOptions::default() },
+        hosts: HostsOptions { build: build(), family: swarm.agent().to_owned(), ..HostsOptions::default() },
         // An interrupt during the setup ends the swarm at once.
         catch_signals: true,
         watcher: Some((program.clone(), vec![WATCH.into()])),
@@ -165,10 +166,11 @@ fn options<R: Runnable>(swarm: &R, plan: &Plan, parts: Option<&Parts>) -> Result
 
 /// Runs the plan until the run is over or a signal asks it to end.
 pub fn run<R: Runnable>(swarm: &R, plan: &Plan, processes: Processes<'_>) -> Result<Report, ProcessError> {
-    let Processes { live, since, keeping, patience, hosts, scribe } = processes;
+    let Processes { live, since, keeping, patience, hosts, page } = processes;
     let mut world = swarm.world(plan);
     let mut options = options(swarm, plan, keeping.as_ref().and_then(JournalSession::parts))?;
     // Agents on several hosts end with their daemons.
+    options.control = page.control;
     options.patience = if keeping.is_some() && plan.link.hosts.is_none() { patience } else { Duration::ZERO };
     if let Some(HostsFile { sockets, timing }) = hosts {
         options.hosts = HostsOptions { sockets, timing, ..options.hosts };
@@ -179,7 +181,7 @@ pub fn run<R: Runnable>(swarm: &R, plan: &Plan, processes: Processes<'_>) -> Res
     tracing::info!(modules = world.len(), seed = plan.seed, "the swarm starts");
     let before = since.elapsed();
     let setup = swarm.setup().as_ref();
-    let outcome = match both(keeping.as_ref().map(JournalSession::log), scribe) {
+    let outcome = match both(keeping.as_ref().map(JournalSession::log), page.scribe) {
         None => run_swarm(&options, setup, &mut world, &mut director)?,
         Some(log) => {
             let mut recorded = RecordedWorld::new(world, log.clone());
@@ -201,7 +203,7 @@ pub fn resume<R: Runnable>(
     left: LeftBehind,
     live: &mut Live,
     since: Stopwatch,
-    scribe: Option<Log>,
+    page: PageChannels,
 ) -> Result<Report, ProcessError> {
     let LeftBehind { plan, file, run, mut part } = left;
     let plan = &plan;
@@ -220,14 +222,15 @@ pub fn resume<R: Runnable>(
             format!("the controller's part of the journal was cut off after {} bytes", torn.whole)
         }),
     );
-    if let Some(scribe) = &scribe {
+    if let Some(scribe) = &page.scribe {
         // The page receives the records from before.
         for record in Reader::open(&controller_part(&parts))? {
             scribe.lock().put(&record.map_err(JournalError::from)?);
         }
     }
     let keeping = JournalSession::going_on(&file, run, part.end(), until)?;
-    let options = options(swarm, plan, keeping.parts())?;
+    let mut options = options(swarm, plan, keeping.parts())?;
+    options.control = page.control;
     let director = Watched::<R> {
         brain: director,
         plan,
@@ -236,7 +239,7 @@ pub fn resume<R: Runnable>(
         share: Arc::clone(&options.share),
     };
     let before = since.elapsed();
-    let log = both(Some(keeping.log()), scribe).expect("invariant: two logs make one, and one is there");
+    let log = both(Some(keeping.log()), page.scribe).expect("invariant: two logs make one, and one is there");
     let mut recorded = RecordedWorld::new(world, log.clone());
     let mut brain = RecordedDirector::after(director, log, struck);
     let resumption = Resumption { until, agents, latest, restarting, finishing, counted };

@@ -2,10 +2,12 @@
 //! steps by a program that embeds it.
 
 use crate::console::stopwatch::Stopwatch;
+use crate::control::{CommandQueue, READ_EVERY};
 use crate::record::journal::JournalSession;
 use crate::record::tee::both;
 use crate::report::run_result::RunResult;
 use crate::report::{Facts, report, schema::Report};
+use crate::run::PageChannels;
 use crate::run::runnable::Runnable;
 use crate::scenario::Plan;
 use crate::view::visible::Visible;
@@ -15,7 +17,7 @@ use metamorph_protocol::defects::Defect;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::fault_injector::FAULT_INPUT;
+use metamorph_sim_bridge::director::commands::{COMMAND_INPUT, Commands};
 use metamorph_sim_bridge::director::faults::Fault;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::port::DirectorPort;
@@ -38,31 +40,34 @@ pub struct Simulation<'w> {
     pub watch: &'w mut Watch<'w>,
     /// The journal, if one is written.
     pub keeping: Option<JournalSession>,
-    /// The log of the page, if one is shown.
-    pub scribe: Option<Log>,
+    /// The page, if one is shown. Under control, time passes as on the process link.
+    pub page: PageChannels,
     /// Whether a standstill is worth a search for what could still have been built.
     pub search: bool,
 }
 
 /// Runs the plan to its end, or until `watch` returns false.
 pub fn run<R: Runnable>(plan: &Plan, simulation: Simulation<'_>) -> (Report, RunResult) {
-    let Simulation { since, watch, keeping, scribe, search } = simulation;
-    let log = both(keeping.as_ref().map(JournalSession::log), scribe);
+    let log = both(simulation.keeping.as_ref().map(JournalSession::log), simulation.page.scribe.clone());
     match log {
-        None => to_the_end(Run::<R, _, _>::plain(plan, since), watch, keeping, search),
-        Some(log) => to_the_end(Run::<R, _, _>::recorded(plan, since, log), watch, keeping, search),
+        None => to_the_end(Run::<R, _, _>::plain(plan, simulation.since), simulation),
+        Some(log) => to_the_end(Run::<R, _, _>::recorded(plan, simulation.since, log), simulation),
     }
 }
 
 fn to_the_end<R: Runnable, W: Audited, D: DirectorPort<W>>(
     mut run: Run<R, W, D>,
-    watch: &mut Watch<'_>,
-    keeping: Option<JournalSession>,
-    search: bool,
+    simulation: Simulation<'_>,
 ) -> (Report, RunResult) {
+    let Simulation { watch, keeping, search, page, .. } = simulation;
     let time_step = run.swarm().time_step();
-    // Slices exist for `watch` only; where they end has no effect on the run.
-    while watch(run.sim.now(), &|| run.progress()) && !run.sim.run_until(run.sim.now() + time_step) {}
+    match page.control {
+        // Slices exist for `watch` only; where they end has no effect on the run.
+        None => {
+            while watch(run.sim.now(), &|| run.progress()) && !run.sim.run_until(run.sim.now() + time_step) {}
+        }
+        Some(queue) => run.under_control(watch, &mut queue.lock()),
+    }
     run.report(keeping, search)
 }
 
@@ -120,6 +125,23 @@ impl<R: Runnable, W: Audited, D: DirectorPort<W>> Run<R, W, D> {
 
     fn swarm(&self) -> &R {
         self.plan.swarm.own()
+    }
+    /// Runs to the end at the pace of the process link, and takes commands meanwhile.
+    fn under_control(&mut self, watch: &mut Watch<'_>, queue: &mut CommandQueue) {
+        let (time_step, clock) = (self.swarm().time_step(), Stopwatch::start());
+        while watch(self.sim.now(), &|| self.progress()) {
+            let passed = clock.elapsed().mul_f64(self.plan.time_scale);
+            let present = Time(u64::try_from(passed.as_nanos()).unwrap_or(u64::MAX));
+            let until = present.min(self.sim.now() + time_step);
+            if self.sim.run_until(until) {
+                break;
+            }
+            queue.hand_in(self.sim.now(), |kind, bytes| self.sim.input(kind, bytes));
+            if until == present {
+                queue.wait(READ_EVERY);
+            }
+        }
+        queue.close();
     }
     fn progress(&self) -> Progress {
         let messages = Some(self.sim.tally().total().sent);
@@ -223,7 +245,8 @@ impl<R: Runnable<World: World<Agent: Visible>>> SteppedRun for Run<R, R::World, 
     }
     fn inject(&mut self, fault: Fault) -> Result<Time, String> {
         let at = self.sim.now().max(self.injected) + Span(1);
-        self.sim.input(FAULT_INPUT, format!("{fault}@{}", at.0).as_bytes())?;
+        let commands = Commands { at, operator: 0, faults: vec![fault] };
+        self.sim.input(COMMAND_INPUT, commands.to_string().as_bytes())?;
         self.injected = at;
         Ok(at)
     }

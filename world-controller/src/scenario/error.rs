@@ -126,6 +126,9 @@ pub enum ScenarioError {
         /// What to do instead.
         instead: &'static str,
     },
+    /// Not a command of an operator.
+    #[error("{0}")]
+    Command(String),
     /// A number outside its range.
     #[error("{what} is {got}, which is not between {low} and {high}")]
     Range {
@@ -286,6 +289,7 @@ impl ScenarioError {
             ScenarioError::Foreign { theirs, .. } => {
                 format!("remove it, or write `family = \"{theirs}\"` in [swarm]")
             }
+            ScenarioError::Command(_) => "see the commands in docs/commands.md".into(),
             ScenarioError::Missing { example, .. } | ScenarioError::Kind { example, .. } => {
                 format!("write for example `{example}`")
             }

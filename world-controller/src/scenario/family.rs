@@ -151,6 +151,10 @@ pub struct Patience {
 pub trait SwarmPlan: Any + fmt::Debug + Send + Sync {
     /// Returns the name of the family.
     fn family(&self) -> &'static str;
+    /// Returns the name of its agents on command lines: that of the family, unless the family has several kinds.
+    fn agent(&self) -> &'static str {
+        self.family()
+    }
     /// Returns the number of modules.
     fn modules(&self) -> usize;
     /// Returns the protocol, for tables of many runs: `forest`, `negotiated`.

@@ -12,7 +12,7 @@ use metamorph_protocol::link::{Hosts, Partition};
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::rng::Rng;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::faults::{Fault, Schedule, Target, WorldFault};
+use metamorph_sim_bridge::director::faults::{Fault, Schedule, Scheduled, Target, WorldFault};
 use serde_json::json;
 
 /// A fault that hits named modules.
@@ -334,6 +334,8 @@ pub struct Bounds<'h> {
 pub enum Planned {
     /// A fault with known time and target.
     At(Time, Fault),
+    /// A command of an operator.
+    Command(Scheduled),
     /// Crashes drawn with the seed of the run.
     Crashes {
         /// Number of crashes.
@@ -349,10 +351,11 @@ pub enum Planned {
 
 /// Returns the schedule of faults for this seed.
 pub fn draw(planned: &[Planned], seed: u64) -> Schedule {
-    let (mut schedule, mut draws) = (Vec::new(), 0);
+    let (mut schedule, mut commands, mut draws) = (Vec::new(), Vec::new(), 0);
     for fault in planned {
         match *fault {
             Planned::At(at, fault) => schedule.push((at, fault)),
+            Planned::Command(scheduled) => commands.push(scheduled),
             Planned::Crashes { count, of, from, until } => {
                 let mut stream = Rng::named(seed, "crashes", draws);
                 draws += 1;
@@ -363,7 +366,10 @@ pub fn draw(planned: &[Planned], seed: u64) -> Schedule {
             }
         }
     }
-    Schedule::new(schedule)
+    let mut schedule = Schedule::new(schedule);
+    // A command comes after what else is due at its time, as if it had been given during the run.
+    commands.into_iter().for_each(|command| schedule.insert(0, command));
+    schedule
 }
 
 impl Bounds<'_> {
@@ -371,7 +377,8 @@ impl Bounds<'_> {
         self.hosts.map_or(0, Hosts::len)
     }
 
-    fn module(&self, id: &At<u64>, diagnostics: &mut Diagnostics) -> Option<ModuleId> {
+    /// Returns the module of a number, if there is one.
+    pub fn module(&self, id: &At<u64>, diagnostics: &mut Diagnostics) -> Option<ModuleId> {
         if id.value < self.modules as u64 {
             // Invariant: a swarm has fewer than 2^32 modules.
             return Some(ModuleId(id.value as u32));
@@ -382,7 +389,8 @@ impl Bounds<'_> {
         None
     }
 
-    fn time(&self, at: &At<Span>, diagnostics: &mut Diagnostics) -> Time {
+    /// Returns the time of a fault, which must not be after the end of the run.
+    pub fn time(&self, at: &At<Span>, diagnostics: &mut Diagnostics) -> Time {
         if at.value > self.timeout {
             let scenario_error = ScenarioError::AfterTheEnd { at: at.value, timeout: self.timeout };
             diagnostics.add(at.place.clone(), scenario_error);

@@ -12,6 +12,7 @@
 //! allow. Absent: running anything.
 
 pub mod bounds;
+pub mod commands;
 mod controller_link;
 pub mod diagnostics;
 pub mod error;
@@ -195,6 +196,11 @@ impl Plan {
     /// Returns the command that repeats the run from the working directory.
     pub fn repeat_here(&self) -> String {
         self.repeat(self.origin.clone())
+    }
+
+    /// Returns the command that runs the same with another file of the scenario.
+    pub fn repeat_as(&self, file: String) -> String {
+        self.repeat(file)
     }
 
     fn repeat(&self, file: String) -> String {

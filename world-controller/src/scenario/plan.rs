@@ -2,10 +2,11 @@
 //! its own files.
 
 use super::bounds::Passage;
+use super::commands;
 use super::diagnostics::{At, Diagnostics};
 use super::error::{LONGEST, SHORTEST, ScenarioError};
 use super::family::{DraftContext, FamilySpec, Patience};
-use super::faults::{self, Bounds, HostCut};
+use super::faults::{self, Bounds, HostCut, Planned};
 use super::hosts::RawHosts;
 use super::raw::{Raw, default_delay};
 use super::table::Delay;
@@ -52,11 +53,14 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
         let mut hosts = hosts(raw, overrides.link, &link, &draft, diagnostics);
         let timeout = stop.timeout.since(Time::ZERO);
         let bounds = Bounds { modules: draft.modules, hosts: hosts.as_ref(), timeout };
-        let compiled = faults::compile(&raw.faults, &bounds, diagnostics);
+        let mut compiled = faults::compile(&raw.faults, &bounds, diagnostics);
+        let commands = commands::check(&raw.commands, &bounds, diagnostics);
+        compiled.planned.extend(commands.into_iter().map(Planned::Command));
         for HostCut { hosts: (a, b), from, until } in compiled.cuts {
             hosts.iter_mut().for_each(|hosts| hosts.cut(a, b, from, until));
         }
-        (faults, link.partitions, link.hosts) = (compiled.planned, compiled.partitions, hosts.map(Arc::new));
+        (faults, link.partitions) = (compiled.planned, compiled.partitions);
+        link.hosts = hosts.map(Arc::new);
         let between =
             link.hosts.iter().flat_map(|hosts| hosts.links()).flat_map(|(_, link)| &link.partitions);
         let cuts = link.partitions.iter().chain(between);

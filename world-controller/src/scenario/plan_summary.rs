@@ -5,6 +5,7 @@ use crate::console::format::{count, many};
 use crate::scenario::{LinkKind, Plan, hosts_summary};
 use metamorph_protocol::link::{ControllerLink, LinkModel};
 use metamorph_protocol::time::Time;
+use metamorph_sim_bridge::director::faults::{Origin, Scheduled};
 use std::fmt::Write;
 
 /// Faults listed at most; the rest is counted.
@@ -73,8 +74,9 @@ fn write_link(out: &mut String, plan: &Plan) -> std::fmt::Result {
 
 fn write_faults(out: &mut String, plan: &Plan) -> std::fmt::Result {
     let mut name = "faults";
-    for (at, fault) in plan.schedule.iter().take(SHOWN) {
-        writeln!(out, "  {name:<8}  at {} {fault}", at_ms(*at))?;
+    for Scheduled { at, fault, by } in plan.schedule.iter().take(SHOWN) {
+        let by = if *by == Origin::Scenario { String::new() } else { format!(", {by}") };
+        writeln!(out, "  {name:<8}  at {} {fault}{by}", at_ms(*at))?;
         name = "";
     }
     match plan.schedule.len().saturating_sub(SHOWN) {

@@ -1,5 +1,6 @@
 //! A scenario as written: typed values with their places, before checks that need more than one of them.
 
+use super::commands::{self, RawCommands};
 use super::controller_link::RawController;
 use super::diagnostics::{At, Diagnostics, Place};
 use super::error::{MAX_GOALS, ScenarioError, VERSION};
@@ -87,6 +88,8 @@ pub struct Raw {
     pub time_scale: Option<At<f64>>,
     /// The faults.
     pub faults: Vec<RawFault>,
+    /// The commands of operators.
+    pub commands: Vec<RawCommands>,
     /// The time-out of the run.
     pub timeout: Option<At<Span>>,
     /// The bound for a standstill.
@@ -152,6 +155,9 @@ impl Raw {
         if let Some(node) = top.node("fault") {
             raw.faults = faults::read(node, family, diagnostics);
         }
+        if let Some(node) = top.node("command") {
+            raw.commands = commands::read(node, family, diagnostics);
+        }
         if let Some(node) = top.node("stop") {
             raw.read_stop(node, diagnostics);
         }
@@ -172,6 +178,7 @@ impl Raw {
             hosts: None,
             time_scale: None,
             faults: Vec::new(),
+            commands: Vec::new(),
             timeout: None,
             stall: None,
             livelock: None,

@@ -7,6 +7,7 @@
 //! An optional key has a `default`, which is the value that the reader uses, or its description says what
 //! happens without it.
 
+use super::commands;
 use super::controller_link;
 use super::error::{MAX_GOALS, VERSION};
 use super::family::{Families, FamilySchema, ScenarioFamily, fault_keys};
@@ -53,6 +54,10 @@ pub fn schema(families: Families) -> Value {
             "link": or(json!({}), of("link")),
             "process": or(json!({}), of("process")),
             "fault": said("The faults.", or(json!([]), json!({ "type": "array" }))),
+            "command": said(
+                "Commands of operators to the run.",
+                or(json!([]), json!({ "type": "array", "items": of("command") })),
+            ),
             "stop": or(json!({}), of("stop")),
         },
         "$defs": definitions(families),
@@ -80,6 +85,7 @@ fn definitions(families: Families) -> Value {
         .into_iter()
         .chain(shared())
         .chain(faults::schema())
+        .chain(commands::schema())
         .chain(hosts::schema())
         .chain(controller_link::schema())
         .chain(shapes())

@@ -1,4 +1,4 @@
-//! The scenarios that ship with the program, and the shapes that they name: part of the program, so that a
+//! The scenarios that ship with the program, and the shapes and gaits that they name: part of the program, so that a
 //! scenario is found by its name wherever the program is started.
 
 use crate::scenario::diagnostics::Diagnostics;
@@ -35,6 +35,7 @@ scenarios!(
     "hand-over",
     "line-to-box",
     "line-to-loop",
+    "quadruped",
     "rabbit",
     "slab-to-disc",
     "slab-to-sphere",
@@ -45,7 +46,9 @@ scenarios!(
 );
 
 /// The files that shipped scenarios name.
-const SHAPES: &[(&str, &[u8])] = &[
+const FILES: &[(&str, &[u8])] = &[
+    ("(shipped)/gaits/quad5.json", include_bytes!("../../shipped/gaits/quad5.json")),
+    ("(shipped)/gaits/quad5-dead-0.json", include_bytes!("../../shipped/gaits/quad5-dead-0.json")),
     ("(shipped)/shapes/arch.stl", include_bytes!("../../shipped/shapes/arch.stl")),
     ("(shipped)/shapes/rabbit.stl", include_bytes!("../../shipped/shapes/rabbit.stl")),
 ];
@@ -73,7 +76,11 @@ pub fn resolve(origin: &str, name: &str) -> PathBuf {
 /// Returns the text of the scenario of this name, for a file elsewhere: with files of the program by their whole
 /// paths.
 pub fn text_elsewhere(name: &str) -> Option<String> {
-    text(name).map(|text| text.replace("\"../shapes/", &format!("\"{ROOT}/shapes/")))
+    text(name).map(|text| {
+        let of =
+            |text: String, folder| text.replace(&format!("\"../{folder}/"), &format!("\"{ROOT}/{folder}/"));
+        of(of(text.to_owned(), "shapes"), "gaits")
+    })
 }
 
 /// Returns the content of a file that a shipped scenario names.
@@ -86,7 +93,7 @@ pub fn file(path: &Path) -> Option<&'static [u8]> {
                 other => plain.push(other),
             }
         }
-        SHAPES.iter().find(|(name, _)| Path::new(name) == plain).map(|(_, bytes)| *bytes)
+        FILES.iter().find(|(name, _)| Path::new(name) == plain).map(|(_, bytes)| *bytes)
     })?
 }
 

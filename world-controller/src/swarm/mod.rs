@@ -40,6 +40,7 @@ pub use crate::swarm::watch::{SUBCOMMAND as WATCH, watch};
 
 use crate::console::interrupt::Interrupt;
 use crate::console::shutdown::Shutdown;
+use crate::control::SharedQueue;
 use metamorph_module_agent::clock::Speed;
 use metamorph_module_agent::journal_file::Parts;
 use metamorph_protocol::link::LinkModel;
@@ -73,6 +74,8 @@ pub struct SwarmOptions {
     /// True if agents log to this process's standard error. Otherwise the standard error of each agent is
     /// kept in a file, whose end is reported if the agent crashes.
     pub verbose: bool,
+    /// Has the commands of operators, if the run can be controlled.
+    pub control: Option<SharedQueue>,
     /// Requests the end of the swarm before its director does.
     pub shutdown: Shutdown,
     /// True if SIGINT, SIGTERM and SIGHUP request the end of the swarm, see [`Interrupt`].
@@ -107,6 +110,7 @@ impl SwarmOptions {
             link: LinkModel::default(),
             hosts: HostsOptions::default(),
             verbose: false,
+            control: None,
             shutdown: Shutdown::new(),
             catch_signals: false,
             watcher: None,

@@ -1,5 +1,6 @@
 //! The outcome of a swarm of processes, and the errors that keep one from running.
 
+use crate::console::format::bytes;
 use metamorph_module_agent::run_dir::counter_file::{AgentCounters, CounterFileError};
 use metamorph_module_agent::run_dir::swarm_file::SwarmFileError;
 use metamorph_module_agent::transport::TransportError;
@@ -148,11 +149,14 @@ pub enum SwarmError {
         why: io::Error,
     },
     /// Too little shared memory.
-    #[error("this swarm needs about {needed} MB in {home}, but only {available} MB are free; give it more (mount -o remount,size=..., docker: --shm-size) or use fewer modules", home = metamorph_module_agent::run_dir::run_name::HOME)]
+    #[error(
+        "this swarm needs about {} in {home}, but only {} are free\n  fix: give it more (of a container: --shm-size, else mount -o remount,size=...), or use fewer modules; `metamorph doctor --modules N` says how much",
+        bytes(*.needed), bytes(*.available), home = metamorph_module_agent::run_dir::run_name::HOME
+    )]
     Space {
-        /// Megabytes needed.
+        /// Bytes needed.
         needed: u64,
-        /// Megabytes free.
+        /// Bytes free.
         available: u64,
     },
     /// The limit of file sizes is too low.

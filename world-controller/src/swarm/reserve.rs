@@ -105,7 +105,7 @@ impl Reserve {
 }
 
 fn shortage(needed: u64, free: u64) -> SwarmError {
-    SwarmError::Space { needed: needed.div_ceil(1 << 20), available: free >> 20 }
+    SwarmError::Space { needed, available: free }
 }
 
 /// Returns the error for a failed allocation of the controller's own part.

@@ -5,6 +5,7 @@
 //! must be this server: a page of another origin that has guessed the port, or has pointed a name of its own
 //! at this machine (DNS rebinding), is refused.
 
+use super::control::Control;
 use hyper::header::{HOST, HeaderMap, ORIGIN};
 use hyper::{Method, StatusCode};
 use rustix::rand::{GetRandomFlags, getrandom};
@@ -37,8 +38,8 @@ impl Token {
     pub fn text(&self) -> &str {
         &self.0
     }
-    /// True if the guess is the token. The time taken does not depend on how much of it is right.
-    fn is(&self, guess: &str) -> bool {
+    /// Returns whether the guess is the token. The time taken does not depend on how much of it is right.
+    pub fn is(&self, guess: &str) -> bool {
         let differ = self.0.bytes().zip(guess.bytes()).fold(0, |d, (a, b)| d | (a ^ b));
         guess.len() == self.0.len() && differ == 0
     }
@@ -55,6 +56,8 @@ pub enum Refusal {
     Origin,
     /// Its token is wrong or missing.
     Token,
+    /// It would change something, and does not say that it comes from a page of this server, or lacks the secret.
+    Secret,
 }
 
 impl Refusal {
@@ -66,6 +69,9 @@ impl Refusal {
             Refusal::Origin => (StatusCode::FORBIDDEN, "pages of other servers may not read this one\n"),
             Refusal::Token => {
                 (StatusCode::NOT_FOUND, "not found; open the whole address that metamorph has printed\n")
+            }
+            Refusal::Secret => {
+                (StatusCode::FORBIDDEN, "commands need the second address that metamorph has printed\n")
             }
         }
     }
@@ -97,6 +103,30 @@ impl AccessCheck {
         if !matches!(*method, Method::GET | Method::HEAD) {
             return Err(Refusal::Method);
         }
+        self.admit_any(headers, path)
+    }
+
+    /// Checks a request that gives commands.
+    ///
+    /// # Errors
+    /// Returns the reason if the request is refused.
+    pub fn admit_commands(&self, control: &Control, headers: &HeaderMap, path: &str) -> Result<(), Refusal> {
+        let rest = self.admit_any(headers, path)?;
+        // A browser states the origin of every such request. `none` is an address that was typed.
+        let sites: Vec<_> = headers.get_all("sec-fetch-site").iter().collect();
+        let is_stated = headers.get_all(ORIGIN).iter().count() == 1;
+        match rest {
+            "command" if !is_stated || sites.iter().any(|site| *site != "same-origin") => {
+                Err(Refusal::Secret)
+            }
+            "command" if control.is_authorized(headers) => Ok(()),
+            "command" => Err(Refusal::Secret),
+            _ => Err(Refusal::Method),
+        }
+    }
+
+    /// Checks what all requests must state, and returns the rest of the path.
+    fn admit_any<'a>(&self, headers: &HeaderMap, path: &'a str) -> Result<&'a str, Refusal> {
         let names = [format!("127.0.0.1:{}", self.port), format!("localhost:{}", self.port)];
         let mut hosts = headers.get_all(HOST).iter();
         let host = hosts.next().and_then(|h| h.to_str().ok());

@@ -1,25 +1,21 @@
 //! The data of the page about a run: its beginning, its events and its end. Filled while a run is in progress
 //! or from a recording, and read in pieces, so that a page can follow.
 //!
-//! Times are microseconds of scenario time. The layout is private to the page, which is in the same program;
-//! [`VERSION`] is for pages left open in a browser.
+//! Times are microseconds of scenario time. The layout is private to the page, which is in the same program.
 
+use super::beginning::{Beginning, Heading, micros};
 use super::bodies::ShownSwarm;
-use super::parts::{Motion, Part, Shape};
-use super::visible::{ActionOutcome, FILLS, Floor, ModuleView, Stage, Targets, Words};
+use super::parts::Motion;
+use super::visible::{ActionOutcome, FILLS, ModuleView, Targets};
 use crate::report::message_timeline::{Bin, Flow};
 use crate::report::schema::Report;
-use crate::scenario::{LinkChange, Plan};
-use metamorph_protocol::counters::Class;
+use crate::scenario::LinkChange;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::{Span, Time};
-use serde::Serialize;
 use serde_json::{Value, json};
-use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-/// Version of the layout; raised on every change.
-pub const VERSION: u32 = 2;
 /// Number of events kept; the page says how many more there were.
 const MOST_EVENTS: usize = 5_000_000;
 /// Number of events sent at once.
@@ -28,111 +24,6 @@ const EVENTS_AT_ONCE: usize = 20_000;
 const LAST_MESSAGES: usize = 40;
 /// Number of problems kept; the first ones are the most telling.
 const MOST_TROUBLES: usize = 20;
-
-/// The beginning of a run.
-#[derive(Clone, Debug, Serialize)]
-pub struct Beginning {
-    version: u32,
-    title: String,
-    description: Option<String>,
-    words: &'static Words,
-    seed: u64,
-    link: &'static str,
-    repeat: String,
-    classes: Vec<&'static str>,
-    time_step: u64,
-    /// The shapes of all parts.
-    shapes: Vec<Shape>,
-    /// Of each body a description of its place, and its parts.
-    start: Vec<Value>,
-    /// The cell of the first part of each body.
-    #[serde(skip)]
-    cells: Vec<Option<Cell>>,
-    /// The goals in order.
-    goals: Vec<Goal>,
-    #[serde(skip)]
-    targets: Targets,
-    floor: Option<Floor>,
-    /// Partitions: the modules cut off from the others, and the beginning and end.
-    partitions: Vec<(Vec<u32>, u64, u64)>,
-    /// True if messages between modules are recorded.
-    messages: bool,
-}
-
-#[derive(Clone, Debug, Serialize)]
-struct Goal {
-    name: String,
-    /// The cells with their levels.
-    cells: Vec<(i16, i16, i16, u16)>,
-    #[serde(skip)]
-    set: HashSet<Cell>,
-}
-
-impl Goal {
-    fn new(name: String, cells: Vec<(i16, i16, i16, u16)>) -> Goal {
-        let set = cells.iter().map(|(x, y, z, _)| Cell::new(*x, *y, *z)).collect();
-        Goal { name, cells, set }
-    }
-}
-
-fn micros(t: Time) -> u64 {
-    t.0 / 1_000
-}
-
-impl Beginning {
-    /// Returns the beginning of a plan. `messages` is true if messages will be recorded.
-    pub fn of(plan: &Plan, swarm: &dyn ShownSwarm, messages: bool) -> Beginning {
-        let Stage { time_step, goals, targets, floor } = swarm.stage();
-        let bodies = swarm.start();
-        let mut shapes = Vec::new();
-        let start = bodies.iter().map(|(parts, whereabouts)| started(parts, whereabouts, &mut shapes));
-        let names = plan.stages.iter().map(|s| s.name.clone());
-        let cut = |p: &metamorph_protocol::link::Partition| {
-            (p.side.iter().map(|id| id.0).collect(), micros(p.from), micros(p.until))
-        };
-        Beginning {
-            version: VERSION,
-            title: plan.title(),
-            description: plan.description.as_ref().map(|d| d.trim().to_owned()),
-            words: swarm.words(),
-            seed: plan.seed,
-            link: plan.overrides.link.name(),
-            repeat: plan.repeat_with(),
-            classes: Class::ALL.into_iter().map(Class::name).collect(),
-            time_step: time_step.0 / 1_000,
-            start: start.collect(),
-            shapes,
-            cells: bodies.iter().map(|(parts, _)| parts.first().map(Part::cell)).collect(),
-            goals: names.zip(goals).map(|(name, cells)| Goal::new(name, cells)).collect(),
-            targets,
-            floor,
-            partitions: plan.link.partitions.iter().map(cut).collect(),
-            messages,
-        }
-    }
-}
-
-/// Returns a body at the start as a JSON array: a description of its place, and for each part an array of the
-/// number of its shape, its tone, its centre, and its rotation unless that is the identity. New shapes are added
-/// to `shapes`.
-fn started(parts: &[Part], whereabouts: &str, shapes: &mut Vec<Shape>) -> Value {
-    let mut told = vec![json!(whereabouts)];
-    for part in parts {
-        let shape = shapes.iter().position(|known| *known == part.shape).unwrap_or_else(|| {
-            shapes.push(part.shape);
-            shapes.len() - 1
-        });
-        let [x, y, z] = part.centre().into();
-        let turned: &[f64] = match part.pose.rotation.coords.as_slice() {
-            [0.0, 0.0, 0.0, _] => &[],
-            turned => turned,
-        };
-        let mut numbers = vec![json!(shape), json!(part.tone as u8), json!(x), json!(y), json!(z)];
-        numbers.extend(turned.iter().map(|q| json!(q)));
-        told.push(numbers.into());
-    }
-    told.into()
-}
 
 /// An event of a run.
 #[derive(Clone, Debug, PartialEq)]
@@ -182,7 +73,7 @@ fn told(at: u64, event: &Event) -> Value {
 }
 
 /// A run, up to the present time.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Scene {
     beginning: Beginning,
     events: Vec<(Time, Event)>,
@@ -218,8 +109,8 @@ pub struct Scene {
 
 impl Scene {
     /// Creates the scene of a run that has not begun.
-    pub fn new(plan: &Plan, swarm: &dyn ShownSwarm, messages: bool) -> Scene {
-        let beginning = Beginning::of(plan, swarm, messages);
+    pub fn new(heading: Heading, swarm: &dyn ShownSwarm, messages: bool) -> Scene {
+        let beginning = Beginning::of(&heading, swarm, messages);
         let width = Span(beginning.time_step * 1_000);
         let modules = beginning.start.len();
         Scene {
@@ -243,7 +134,7 @@ impl Scene {
             report: None,
             troubles: Vec::new(),
             telling: 0,
-            changes: plan.link_changes().into(),
+            changes: heading.changes.into(),
         }
     }
 
@@ -476,6 +367,14 @@ impl Scene {
     /// Returns the present time; of a finished run, its end.
     pub fn now(&self) -> Time {
         self.now
+    }
+    /// Returns true if the run is over.
+    pub fn is_over(&self) -> bool {
+        self.over
+    }
+    /// Returns the trace hash of the run, from its report.
+    pub fn trace_hash(&self) -> Option<String> {
+        self.report.as_ref()?.trace_hash.clone()
     }
     /// Returns the cells of a goal with their levels, where it is described.
     pub fn goal_cells(&self, goal: u16) -> &[(i16, i16, i16, u16)] {

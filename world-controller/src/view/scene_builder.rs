@@ -139,7 +139,10 @@ impl<A: Visible> SceneBuilder<A> {
                     scene.goal(at, goal, shift);
                 }
             }
-            E::Injected { fault, module, cell, effect } => scene.struck(at, *module, *cell, fault, effect),
+            E::Injected { fault, module, cell, by, effect } => {
+                let effect = if by.starts_with("operator") { &format!("{by}; {effect}") } else { effect };
+                scene.struck(at, *module, *cell, fault, effect);
+            }
             E::Step(step) => {
                 if let (Some(id), Consumed::Message { class, name, message, .. }) = (own, &step.input) {
                     let said = A::said(&message.read()?);

@@ -1,20 +1,24 @@
 //! The server of the page: on the loopback interface, behind the access check, on a thread of its own. It
-//! serves the files that are in the program and the scene as JSON, and nothing else.
+//! serves the files that are in the program, the scene as JSON, and figures of it, and nothing else.
 //!
 //! Every user of the machine can connect, so connections, their headers and their time are bounded.
 
-use super::access::{AccessCheck, Token};
+use super::access::{AccessCheck, Refusal, Token};
+use super::control::Control;
+use super::figure::request::Kind;
+use super::saved::{Saved, Subject};
 use super::scene_builder::Shared;
 use crate::console::command_error::{BAD_USAGE, CommandError, FAILED};
+use crate::control::Operators;
 use http_body_util::Full;
 use hyper::body::{Bytes, Incoming};
 use hyper::header::{
-    CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HeaderName, HeaderValue, REFERRER_POLICY,
-    X_CONTENT_TYPE_OPTIONS,
+    CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HeaderName, HeaderValue,
+    REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
 };
 use hyper::server::conn::http1;
 use hyper::service::service_fn;
-use hyper::{Request, Response, StatusCode};
+use hyper::{Method, Request, Response, StatusCode};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use metamorph_protocol::ids::ModuleId;
 use serde_json::Value;
@@ -23,6 +27,7 @@ use std::io;
 use std::net::{Ipv4Addr, TcpListener};
 use std::pin::pin;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use thiserror::Error;
 use tokio::net::TcpStream;
@@ -37,6 +42,8 @@ const HEADERS: Duration = Duration::from_secs(3);
 const LIFETIME: Duration = Duration::from_secs(60);
 /// Time limit for that response.
 const LAST_ANSWER: Duration = Duration::from_secs(10);
+/// Time limit for that response if a figure is being drawn for it.
+const LAST_FIGURE: Duration = Duration::from_secs(600);
 /// Largest size of the headers, and of the read buffer, in bytes.
 const MAX_HEADER_BYTES: usize = 16 << 10;
 /// Largest number of headers of a request.
@@ -51,17 +58,19 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; c
                       img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 /// The files of the page: name, type and content.
-const FILES: [(&str, &str, &str); 10] = [
+const FILES: [(&str, &str, &str); 12] = [
     ("", "text/html; charset=utf-8", include_str!("page/index.html")),
     ("style.css", "text/css; charset=utf-8", include_str!("page/style.css")),
     ("main.js", JS, include_str!("page/main.js")),
     ("story.js", JS, include_str!("page/story.js")),
     ("parts.js", JS, include_str!("page/parts.js")),
     ("camera.js", JS, include_str!("page/camera.js")),
+    ("figure.js", JS, include_str!("page/figure.js")),
     ("drawing.js", JS, include_str!("page/drawing.js")),
     ("picture.js", JS, include_str!("page/picture.js")),
     ("timeline.js", JS, include_str!("page/timeline.js")),
     ("panel.js", JS, include_str!("page/panel.js")),
+    ("control.js", JS, include_str!("page/control.js")),
 ];
 const JS: &str = "text/javascript; charset=utf-8";
 
@@ -99,19 +108,52 @@ impl CommandError for ServerError {
 #[derive(Debug)]
 pub struct Server {
     address: String,
+    controlling: Option<String>,
 }
 
 struct Inside {
     access: AccessCheck,
     scene: Shared,
+    subject: Subject,
+    control: Option<Control>,
+}
+
+/// A response before its headers.
+struct Answer {
+    status: StatusCode,
+    content_type: &'static str,
+    body: Bytes,
+    /// The name of the file to save it as.
+    name: Option<String>,
+}
+
+impl Answer {
+    fn of(status: StatusCode, content_type: &'static str, body: impl Into<Bytes>) -> Answer {
+        Answer { status, content_type, body: body.into(), name: None }
+    }
+}
+
+/// Set when dropped: when the response is made, or when its connection is closed before.
+struct Unwanted(Arc<AtomicBool>);
+
+impl Drop for Unwanted {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
 }
 
 impl Server {
-    /// Starts to serve a scene, at this port or at any free one.
+    /// Starts to serve a scene and figures of it, at this port or at any free one. With `operators`, its page can control
+    /// the run.
     ///
     /// # Errors
     /// If the port is not available, or there is no thread.
-    pub fn start(scene: Shared, port: Option<u16>) -> Result<Server, ServerError> {
+    pub fn start(
+        scene: Shared,
+        subject: Subject,
+        port: Option<u16>,
+        operators: Option<Operators>,
+    ) -> Result<Server, ServerError> {
         let bound = TcpListener::bind((Ipv4Addr::LOCALHOST, port.unwrap_or(0)));
         let listener = bound.map_err(|error| match port {
             Some(port) => ServerError::Port { port, error },
@@ -120,20 +162,27 @@ impl Server {
         listener.set_nonblocking(true)?;
         let access = AccessCheck::new(Token::random()?, listener.local_addr()?.port());
         let address = access.address();
+        let control = operators.map(Control::new).transpose()?;
+        let controlling = control.as_ref().map(|control| format!("{address}#c={}", control.secret()));
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-        let inside = Arc::new(Inside { access, scene });
+        let inside = Arc::new(Inside { access, scene, subject, control });
         let listener = {
             let _entered = runtime.enter();
             tokio::net::TcpListener::from_std(listener)?
         };
         let page = std::thread::Builder::new().name("page".into());
         page.spawn(move || runtime.block_on(serve(listener, inside)))?;
-        Ok(Server { address })
+        Ok(Server { address, controlling })
     }
 
     /// Returns the address to open, with its token.
     pub fn address(&self) -> &str {
         &self.address
+    }
+
+    /// Returns the address to open to control the run, with both secrets; `None` if the run cannot be controlled.
+    pub fn controlling_address(&self) -> Option<&str> {
+        self.controlling.as_deref()
     }
 }
 
@@ -159,9 +208,10 @@ async fn serve(listener: tokio::net::TcpListener, inside: Arc<Inside>) {
 
 /// Answers the requests of one connection.
 async fn serve_one(stream: TcpStream, inside: Arc<Inside>) {
+    let is_drawing = Arc::new(AtomicBool::new(false));
     let service = service_fn(|request: Request<Incoming>| {
-        let answered = answer(&inside, &request);
-        async { Ok::<_, Infallible>(answered) }
+        let (inside, is_drawing) = (Arc::clone(&inside), Arc::clone(&is_drawing));
+        async move { Ok::<_, Infallible>(answer(&inside, request, &is_drawing).await) }
     });
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(HEADERS);
@@ -170,28 +220,25 @@ async fn serve_one(stream: TcpStream, inside: Arc<Inside>) {
     // An error of a connection concerns its other end only.
     if timeout(LIFETIME, connection.as_mut()).await.is_err() {
         connection.as_mut().graceful_shutdown();
-        let _ = timeout(LAST_ANSWER, connection).await;
+        let limit = if is_drawing.load(Ordering::Relaxed) { LAST_FIGURE } else { LAST_ANSWER };
+        let _ = timeout(limit, connection).await;
     }
 }
 
-fn answer(inside: &Inside, request: &Request<Incoming>) -> Response<Full<Bytes>> {
-    let uri = request.uri();
-    let (status, kind, body) = match inside.access.admit(request.method(), request.headers(), uri.path()) {
-        Err(refusal) => {
-            let (status, text) = refusal.answer();
-            (status, TEXT, Bytes::from_static(text.as_bytes()))
-        }
-        Ok(rest) => match (file(rest), data(&inside.scene, rest, uri.query().unwrap_or_default())) {
-            (Some((kind, text)), _) => (StatusCode::OK, kind, Bytes::from_static(text.as_bytes())),
-            (None, Some(value)) => (StatusCode::OK, "application/json", Bytes::from(value.to_string())),
-            (None, None) => (StatusCode::NOT_FOUND, TEXT, Bytes::from_static(b"not found\n")),
-        },
+async fn answer(
+    inside: &Arc<Inside>,
+    request: Request<Incoming>,
+    is_drawing: &AtomicBool,
+) -> Response<Full<Bytes>> {
+    let answer = match (&inside.control, request.method()) {
+        (Some(control), &Method::POST) => command(inside, control, request).await,
+        _ => read(inside, &request, is_drawing).await,
     };
-    let mut response = Response::new(Full::new(body));
-    *response.status_mut() = status;
+    let mut response = Response::new(Full::new(answer.body));
+    *response.status_mut() = answer.status;
     let headers = response.headers_mut();
     for (name, value) in [
-        (CONTENT_TYPE, kind),
+        (CONTENT_TYPE, answer.content_type),
         (CONTENT_SECURITY_POLICY, POLICY),
         (CACHE_CONTROL, "no-store"),
         (REFERRER_POLICY, "no-referrer"),
@@ -201,7 +248,72 @@ fn answer(inside: &Inside, request: &Request<Incoming>) -> Response<Full<Bytes>>
     ] {
         headers.insert(name, HeaderValue::from_static(value));
     }
+    // The name consists of letters, digits, dots and dashes.
+    let attachment =
+        answer.name.map(|name| HeaderValue::try_from(format!("attachment; filename=\"{name}\"")));
+    if let Some(Ok(attachment)) = attachment {
+        headers.insert(CONTENT_DISPOSITION, attachment);
+    }
     response
+}
+
+/// Answers a request that gives commands to the run.
+async fn command(inside: &Inside, control: &Control, request: Request<Incoming>) -> Answer {
+    let (head, body) = request.into_parts();
+    match inside.access.admit_commands(control, &head.headers, head.uri.path()) {
+        Err(refusal) => refused(refusal),
+        Ok(()) => {
+            let (status, value) = control.answer(&head.headers, body).await;
+            Answer::of(status, "application/json", value.to_string())
+        }
+    }
+}
+
+fn refused(refusal: Refusal) -> Answer {
+    let (status, text) = refusal.answer();
+    Answer::of(status, TEXT, text)
+}
+
+/// Answers a request that reads a part of the page.
+async fn read(inside: &Arc<Inside>, request: &Request<Incoming>, is_drawing: &AtomicBool) -> Answer {
+    let (uri, ok) = (request.uri(), StatusCode::OK);
+    let query = uri.query().unwrap_or_default();
+    match inside.access.admit(request.method(), request.headers(), uri.path()) {
+        Err(refusal) => refused(refusal),
+        Ok(rest) => match (file(rest), data(&inside.scene, rest, query), figure_kind(rest)) {
+            (Some((content_type, text)), ..) => Answer::of(ok, content_type, text),
+            (None, Some(value), _) => Answer::of(ok, "application/json", value.to_string()),
+            (None, None, Some(kind)) => {
+                is_drawing.store(true, Ordering::Relaxed);
+                let answer = figure(inside, kind, query.to_owned()).await;
+                is_drawing.store(false, Ordering::Relaxed);
+                answer
+            }
+            (None, None, None) => Answer::of(StatusCode::NOT_FOUND, TEXT, "not found\n"),
+        },
+    }
+}
+
+/// Draws a figure, on a thread of its own, until the page no longer waits for it.
+async fn figure(inside: &Arc<Inside>, kind: Kind, query: String) -> Answer {
+    let unwanted = Unwanted(Arc::default());
+    let (inside, is_unwanted) = (Arc::clone(inside), Arc::clone(&unwanted.0));
+    let drawing = tokio::task::spawn_blocking(move || {
+        let going = || !is_unwanted.load(Ordering::Relaxed);
+        inside.subject.draw(&inside.scene, kind, &query, &going)
+    });
+    match drawing.await {
+        Ok(Ok(Saved { data, content_type, name })) => {
+            Answer { name: Some(name), ..Answer::of(StatusCode::OK, content_type, data) }
+        }
+        Ok(Err(error)) => Answer::of(StatusCode::BAD_REQUEST, TEXT, error + "\n"),
+        Err(_) => Answer::of(StatusCode::INTERNAL_SERVER_ERROR, TEXT, "the figure could not be drawn\n"),
+    }
+}
+
+/// Returns the kind of a figure by its name: `figure.svg`, `figure.png` and so on.
+fn figure_kind(name: &str) -> Option<Kind> {
+    Kind::of_extension(name.strip_prefix("figure.")?)
 }
 
 const TEXT: &str = "text/plain; charset=utf-8";

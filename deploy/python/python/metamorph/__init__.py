@@ -9,6 +9,7 @@ from ._api import Progress, Report, Scenario, Simulation, Sweep, run, scenarios,
 from ._commands import Diff, Figure, diff, doctor, render
 from ._determinism import check_determinism
 from ._errors import JournalError, MetamorphError, Problem, ProgramError, ProtocolError, ScenarioError, SweepError
+from ._fault import Fault
 from ._journal import Journal
 from ._metamorph import VERSION as __version__
 from ._metamorph import Context
@@ -18,6 +19,7 @@ from ._table import Table
 __all__ = [
     "Context",
     "Diff",
+    "Fault",
     "Figure",
     "Journal",
     "JournalError",

@@ -275,9 +275,29 @@ def _run_processes(
 class Sweep:
     """The runs of a sweep."""
 
-    def __init__(self, runs: Table) -> None:
+    def __init__(self, lines: Iterable[list[str]], varied: int, manifest: str) -> None:
+        """Takes the lines of `runs.csv`, the number of varied keys, and the text of `manifest.json`."""
+        self._lines, self._manifest = list(lines), manifest
         #: One row for each run, with the columns of `runs.csv`: the varied keys first.
-        self.runs = runs
+        self.runs = _runs(self._lines, varied)
+
+    def save(self, directory: Union[str, os.PathLike[str]]) -> None:
+        """Writes the runs to a new or empty directory, as `metamorph sweep --out` does, for `metamorph diff` and
+        :meth:`load`."""
+        to = Path(directory)
+        to.mkdir(parents=True, exist_ok=True)
+        if any(to.iterdir()):
+            raise FileExistsError(f"{to} is not empty; name a new or empty directory")
+        (to / "manifest.json").write_text(self._manifest)
+        with (to / "runs.csv").open("w", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows(self._lines)
+
+    @classmethod
+    def load(cls, directory: Union[str, os.PathLike[str]]) -> Sweep:
+        """Reads a directory that :meth:`save` or `metamorph sweep --out` wrote."""
+        manifest = (Path(directory) / "manifest.json").read_text()
+        with (Path(directory) / "runs.csv").open(newline="") as file:
+            return cls(csv.reader(file), len(json.loads(manifest)["vary"]), manifest)
 
     def to_pandas(self) -> Any:
         """The runs as a pandas data frame."""
@@ -360,11 +380,13 @@ def sweep(
     of_python = [_OF_PYTHON] if protocol is not None else []
     fixed = [tuple(s.split("=", 1)) for s in [*chosen._settings, *of_python]]
     all_axes = [(key, [value]) for key, value in fixed] + axes
+    manifest = _native.manifest(chosen._origin, chosen._text, (numbers[0], numbers[-1] + 1), all_axes)
     if protocol is not None:
         _given(protocol, until, ())
         work = Work(chosen._origin, chosen._text, all_axes, protocol, until)
         done = None if progress is None else lambda done, total: progress(Progress(done, total))
-        return Sweep(_runs(rows(work, numbers, jobs or len(os.sched_getaffinity(0)), done), len(all_axes)))
+        lines = rows(work, numbers, jobs or len(os.sched_getaffinity(0)), done)
+        return Sweep(lines, len(all_axes), manifest)
     told = None if progress is None else lambda done, total: progress(Progress(done, total))
     text = _native.sweep(
         chosen._origin,
@@ -375,7 +397,7 @@ def sweep(
         told,
         None,
     )
-    return Sweep(_runs(csv.reader(io.StringIO(text)), len(all_axes)))
+    return Sweep(csv.reader(io.StringIO(text)), len(all_axes), manifest)
 
 
 class Simulation:

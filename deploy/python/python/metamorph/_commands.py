@@ -8,11 +8,12 @@ import os
 import subprocess
 import tempfile
 from pathlib import Path
-from typing import Any, NamedTuple, Optional, Union
+from typing import Any, NamedTuple, Optional, Sequence, Union
 
 from . import _program
-from ._api import Report, Scenario, ScenarioLike, Simulation, _scenario
+from ._api import Report, Scenario, ScenarioLike, Simulation, Sweep, _scenario
 from ._errors import ProgramError
+from ._journal import Journal
 from ._table import Table
 
 PathLike = Union[str, "os.PathLike[str]"]
@@ -66,7 +67,7 @@ def _options(options: dict[str, Any]) -> list[str]:
 
 
 def render(
-    source: Union[ScenarioLike, Simulation],
+    source: Union[ScenarioLike, Journal, Simulation],
     out: Optional[PathLike] = None,
     *,
     seed: Optional[int] = None,
@@ -75,8 +76,8 @@ def render(
 ) -> Figure:
     """Draws a moment of a run, or a moving picture, as `metamorph render` does.
 
-    :param source: a journal or a scenario file, the name of a shipped scenario, a :class:`Scenario`, its keys, or a
-        :class:`Simulation`, which is drawn at its present time.
+    :param source: a journal or its file, a scenario file, the name of a shipped scenario, a :class:`Scenario`, its
+        keys, or a :class:`Simulation`, which is drawn at its present time.
     :param out: a file to write as well; its name says the format.
     :param seed: the seed of a scenario.
     :param format: the format without `out`: svg, png, gif or apng.
@@ -89,6 +90,8 @@ def render(
                 words.append(f"--at={source.now_ns}ns")
             seed = source.seed if seed is None else seed
             source = source.scenario()
+        if isinstance(source, Journal):
+            source = source.path
         if isinstance(source, (str, os.PathLike)):
             file = os.fspath(source)
         else:
@@ -126,11 +129,19 @@ class Diff(NamedTuple):
     text: str
 
 
-def diff(a: Union[Report, PathLike], b: Union[Report, PathLike], *, at_least: str = "0%") -> Diff:
-    """Compares two reports, or two directories that `metamorph sweep --out` wrote: which measures differ, by how much,
-    with 95 % intervals.
+def diff(
+    a: Union[Report, Sweep, PathLike],
+    b: Union[Report, Sweep, PathLike],
+    *,
+    at_least: str = "0%",
+    by: Sequence[str] = (),
+) -> Diff:
+    """Compares two reports, or two sweeps: which measures differ, by how much, with 95 % intervals.
 
+    :param a: a report or its file, or a sweep or a directory that `metamorph sweep --out` or :meth:`Sweep.save` wrote.
+    :param b: another one of the same kind.
     :param at_least: of sweeps, say that a measure differs only if its whole interval is beyond this share.
+    :param by: of sweeps, the keys for whose values they are compared; default: those that both vary.
     """
     with tempfile.TemporaryDirectory() as directory:
         paths = []
@@ -139,10 +150,15 @@ def diff(a: Union[Report, PathLike], b: Union[Report, PathLike], *, at_least: st
                 path = Path(directory) / f"{name}.json"
                 path.write_text(one.to_json())
                 paths.append(str(path))
+            elif isinstance(one, Sweep):
+                path = Path(directory) / name
+                one.save(path)
+                paths.append(str(path))
             else:
                 paths.append(os.fspath(one))
         found = Path(directory) / "diff.json"
-        text = _call("diff", *paths, f"--at-least={at_least}", f"--json={found}").decode()
+        keys = [f"--by={key}" for key in by]
+        text = _call("diff", *paths, f"--at-least={at_least}", *keys, f"--json={found}").decode()
         content = json.loads(found.read_text())
     rows = content["lines"] if content["kind"] == "sweeps" else content["differences"]
     names = list(rows[0]) if rows else []

@@ -20,7 +20,9 @@ class Journal:
     """A run that was recorded with `journal=` or `--journal`. Raises :class:`JournalError` if the file is damaged."""
 
     def __init__(self, path: Union[str, os.PathLike[str]]) -> None:
-        self._journal = _native.Journal(os.fspath(path))
+        #: The file.
+        self.path = os.fspath(path)
+        self._journal = _native.Journal(self.path)
 
     @property
     def modules(self) -> int:
@@ -62,6 +64,19 @@ class Journal:
         columns: dict[str, list[float]] = {"time_s": [i * width / 1e9 for i in range(len(counts))]}
         for i, name in enumerate(CLASSES):
             columns[name] = [row[i] for row in counts]
+        return Table(columns)
+
+    def over_time(self) -> Table:
+        """The course of the run, one row for each time bin of the page of `metamorph view`: the time of its end in
+        seconds, the cells of the goal that are filled then and those that it has, the moves completed in it, and the
+        messages delivered in it by class."""
+        width, bins = self._journal.bins()
+        names = ("filled", "goal", "moves", *CLASSES)
+        columns: dict[str, list[float]] = {
+            "time_s": [min((i + 1) * width, self._journal.duration_ns) / 1e9 for i in range(len(bins))]
+        }
+        for i, name in enumerate(names):
+            columns[name] = [row[i] for row in bins]
         return Table(columns)
 
     def positions(self, times_s: Iterable[Duration]) -> NDArray[np.int16]:

@@ -200,7 +200,7 @@ impl DirectorPort<CubeBodies<PyAgent>> for PyDirector {
         if self.is_over {
             return Err("the run is over".to_owned());
         }
-        self.faults.input(now, kind, bytes, self.alive.len())
+        self.faults.input(now, kind, bytes, self.alive.len(), &[])
     }
     fn wake_at(&self) -> Time {
         if self.is_over {

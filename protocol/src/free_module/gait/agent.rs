@@ -1,5 +1,6 @@
 //! The agent of a free module: keeps the structure, and steps and tells its oscillators.
 
+use super::body::{Place, Pose, Status, Task};
 use super::link_state::LinkStates;
 use super::message::{CONNECTORS, Docking, Follow, Gait, LinkState, Message, Order, PHASES, PhaseAt};
 use super::rhythm::Rhythm;
@@ -8,7 +9,7 @@ use super::{
     COMMAND_AGE, COMMAND_PERIOD, COMPARE, COMPARE_SOON, PHASE_AGE, PHASE_PERIOD, PHASE_REPEAT, Setup,
     StartPhases,
 };
-use crate::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
+use crate::agent::{Agent, Birth, Input, InputOf, Output, OutputOf, Summary};
 use crate::counters::Class;
 use crate::free_module::network::{Morphology, Network};
 use crate::free_module::oscillator::{Oscillator, Phase, STEP};
@@ -16,7 +17,6 @@ use crate::free_module::structure::{JOINTS, Joint};
 use crate::ids::{ModuleId, Port};
 use crate::rng::Rng;
 use crate::time::Time;
-use crate::wire::Never;
 use std::collections::{BTreeMap, VecDeque};
 use std::hash::Hasher;
 use std::sync::Arc;
@@ -42,6 +42,8 @@ struct Adopted {
     of: u64,
     network: Network,
     routes: Routes,
+    /// The tasks of the own joints.
+    tasks: [Task; JOINTS as usize],
 }
 
 /// The agent of one free module.
@@ -129,12 +131,20 @@ impl FreeModule {
         }
         let Some(structure) = self.links.structure() else { return };
         // Of a structure in which no joint moves there is no network.
-        let network = Morphology::of(&structure).network(self.setup.network).unwrap_or_default();
+        let morphology = Morphology::of(&structure);
+        let network = morphology.network(self.setup.network).unwrap_or_default();
         let routes = Routes::of(&structure, &network, self.id);
         if let Some(rhythm) = &mut self.rhythm {
             rhythm.keep(&network);
         }
-        self.adopted = Adopted { of: known, network, routes };
+        let roles = morphology.articulations(self.setup.network);
+        let tasks = [0, 1, 2].map(|j| Joint::new(self.id, j)).map(|joint| match roles.get(&joint) {
+            _ if network.oscillators.binary_search(&joint).is_err() => Task::Locked,
+            Some(role) => Task::Articulation(*role),
+            None => Task::Oscillates,
+        });
+        self.adopted = Adopted { of: known, network, routes, tasks };
+        self.outputs.push_back(Output::Report(Status { known, tasks }));
     }
 
     /// Tells all neighbours which link states are known here: often while some of them know others.
@@ -272,23 +282,23 @@ impl FreeModule {
 
 impl Agent for FreeModule {
     type Setup = Setup;
-    type Place = Docking;
+    type Place = Place;
     type Message = Message;
     type Action = Follow;
-    type Percept = Never;
+    type Percept = Pose;
     type Order = Order;
-    type Report = Never;
+    type Report = Status;
 
     const PORTS: usize = CONNECTORS;
 
-    fn new(setup: &Arc<Setup>, birth: Birth<Docking>, now: Time) -> FreeModule {
+    fn new(setup: &Arc<Setup>, birth: Birth<Place>, now: Time) -> FreeModule {
         let Birth { id, incarnation, place, seed, .. } = birth;
         let own = LinkState { module: id, incarnation, number: 0, docking: Docking::default() };
         FreeModule {
             setup: Arc::clone(setup),
             id,
             rng: Rng::named(seed, "free module", (u64::from(id.0) << 16) | u64::from(incarnation.0)),
-            docking: place,
+            docking: place.docking,
             neighbours: [None; CONNECTORS],
             own,
             links: LinkStates::default(),
@@ -325,8 +335,8 @@ impl Agent for FreeModule {
                     self.compare_at = self.compare_at.min(now + COMPARE_SOON);
                 }
             }
-            Input::Wake => {}
-            Input::Percept(never) => match never {},
+            // Bodies tell where they are for those that watch; gaits do not depend on it.
+            Input::Wake | Input::Percept(_) => {}
         }
         if now >= self.compare_at {
             self.compare(now);
@@ -340,6 +350,14 @@ impl Agent for FreeModule {
 
     fn wake_at(&self) -> Time {
         self.compare_at.min(self.step_at)
+    }
+
+    fn summary(&self, _: Time) -> Summary {
+        let activity = match &self.rhythm {
+            Some(rhythm) => format!("walking by gait {}", rhythm.epoch()),
+            None => "resting".to_owned(),
+        };
+        Summary { role: self.adopted.tasks.map(Task::name).join(", "), activity, ..Summary::default() }
     }
 
     fn digest(&self, hasher: &mut dyn Hasher) {

@@ -7,6 +7,7 @@
 //! Clocks are common: a skew of s seconds is a lag error of 72 s degrees at 0.2 Hz.
 
 pub mod agent;
+pub mod body;
 pub mod link_state;
 pub mod message;
 pub mod rhythm;

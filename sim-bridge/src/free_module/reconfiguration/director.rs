@@ -309,7 +309,7 @@ impl DirectorPort<FreeModuleWorld> for FreeModuleDirector {
         if self.outcome.is_some() {
             return Err("the run is over".to_owned());
         }
-        self.faults.input(now, kind, bytes, self.known.len())
+        self.faults.input(now, kind, bytes, self.known.len(), &[])
     }
 
     fn wake_at(&self) -> Time {

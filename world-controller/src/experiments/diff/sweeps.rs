@@ -151,12 +151,21 @@ fn read(path: &Path) -> Result<Runs, DiffError> {
 /// Returns the keys whose values are compared separately: those that both sweeps vary, or some of them.
 fn keys(first: &Runs, second: &Runs, by: &[String]) -> Result<BTreeSet<String>, DiffError> {
     let both: BTreeSet<String> = first.keys.iter().filter(|key| second.keys.contains(key)).cloned().collect();
+    // A key with one value in each sweep is set and not varied; it may be what is compared.
+    let is_set = |runs: &Runs, key: &String| {
+        let values =
+            runs.keys.iter().position(|k| k == key).map(|i| runs.rows.iter().map(move |(v, _)| &v[i]));
+        values.is_some_and(|values| values.collect::<BTreeSet<_>>().len() == 1)
+    };
     if let Some(key) = by.iter().find(|key| !both.contains(*key)) {
         let known = both.iter().map(|key| key.shown().to_string()).collect::<Vec<_>>().join(", ");
         let known = if known.is_empty() { "none: both vary no key".to_owned() } else { known };
         return Err(DiffError::By { key: key.clone(), known });
     }
-    Ok(if by.is_empty() { both } else { by.iter().cloned().collect() })
+    if !by.is_empty() {
+        return Ok(by.iter().cloned().collect());
+    }
+    Ok(both.into_iter().filter(|key| !is_set(first, key) || !is_set(second, key)).collect())
 }
 
 /// Compares two sweeps, separately for each value of the keys `by`.

@@ -67,7 +67,7 @@ pub enum Experiment {
     RewardMap,
     /// Plans of the controller beside the strategies by which each metamodule decides for itself
     Planned,
-    /// Table 7.2: parameters of the reduced networks of oscillators
+    /// Tables 7.2 and 7.5: parameters of reduced networks of oscillators, and how fast they learn (--gaits)
     #[value(name = "thesis-7")]
     Thesis7,
     /// Experiment 2 of 5.1.4 and figure 5.10: a metamodule crosses a floor under limits of torque
@@ -111,7 +111,9 @@ impl Experiment {
             Experiment::OnGrid => "Thesis 6.3.2: a module walks over a floor with obstacles",
             Experiment::RewardMap => "Thesis 4.2.3: the reward map, one metamodule on a floor",
             Experiment::Planned => "Thesis 4.1.3: box and chair, planned centrally and by each metamodule",
-            Experiment::Thesis7 => "Thesis, table 7.2: parameters of networks of oscillators",
+            Experiment::Thesis7 => {
+                "Thesis, tables 7.2 and 7.5: networks of oscillators, and how fast they learn"
+            }
             Experiment::Torque => "Thesis 5.1.4, experiment 2 (figure 5.10): limits of torque",
             Experiment::Transport => "Thesis 5.1.4, experiment 1 (figures 5.8 and 5.9): transport of a cube",
             Experiment::Pairing => "Thesis C.6: pairing of cubes to modules",
@@ -180,6 +182,8 @@ pub struct Request {
     pub out: Option<PathBuf>,
     /// The destination of the results; `-` is standard output.
     pub json: Option<PathBuf>,
+    /// Gait files whose learning curves are compared.
+    pub gaits: Vec<PathBuf>,
     /// True to print errors only.
     pub quiet: bool,
 }

@@ -24,6 +24,7 @@ use crate::console::output::{Output, OutputError, Outputs};
 use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::{Channel, Live};
 use crate::family::read_text;
+use crate::plan::PlanError;
 use crate::scenario::diagnostics::Diagnostics;
 use crate::scenario::error::ScenarioError;
 use crate::scenario::{LinkKind, Loaded, Overrides, Plan, load, quote};
@@ -76,6 +77,9 @@ pub enum SweepError {
         "{0}: this experiment of a planner is not a sweep, so there are no runs to keep or to print with others\n  fix: name it alone, without --out; --json FILE has its numbers"
     )]
     NotTogether(&'static str),
+    /// A gait file is wrong.
+    #[error(transparent)]
+    Gaits(#[from] PlanError),
     /// Signals cannot be caught.
     #[error("cannot listen for Ctrl-C: {0}")]
     Signals(io::Error),
@@ -103,6 +107,7 @@ impl CommandError for SweepError {
             SweepError::Store(StoreError::Write { .. }) => FAILED,
             SweepError::Store(_) => BAD_USAGE,
             SweepError::Output(error) => error.exit_code(),
+            SweepError::Gaits(error) => error.exit_code(),
             SweepError::Signals(_) | SweepError::Defect(_) => FAILED,
         }
     }

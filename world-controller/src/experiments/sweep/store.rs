@@ -132,6 +132,10 @@ struct Stamp {
 }
 
 impl Manifest {
+    /// Returns the text of its file.
+    pub fn text(&self) -> String {
+        json(self) + "\n"
+    }
     /// Creates the manifest of a sweep of this program.
     pub fn new(scenario: &str, text: &str, grid: &Grid) -> Manifest {
         Manifest {
@@ -211,7 +215,7 @@ impl Store {
     /// Creates a sweep in a new or empty directory.
     pub fn create(dir: &Path, manifest: &Manifest) -> Result<Store, StoreError> {
         create_directory(dir)?;
-        Outputs::new().writes("--out", &dir.join(MANIFEST))?.write(json(manifest) + "\n")?;
+        Outputs::new().writes("--out", &dir.join(MANIFEST))?.write(manifest.text())?;
         Store::open(dir, &manifest.grid, |_, _| {}).map(|(store, _)| store)
     }
 

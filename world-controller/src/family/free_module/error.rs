@@ -53,6 +53,16 @@ pub enum FreeModuleError {
         /// What is wrong.
         error: String,
     },
+    /// A key or a value that belongs to the other model of bodies.
+    #[error("`{what}` is for body {theirs}, and the body is {ours}")]
+    OtherBody {
+        /// The key or the value.
+        what: &'static str,
+        /// The body that it is for.
+        theirs: &'static str,
+        /// The body of the scenario.
+        ours: &'static str,
+    },
     /// More than one goal.
     #[error("free modules have one goal, and this is another one")]
     SecondGoal,
@@ -78,6 +88,9 @@ impl FreeModuleError {
             }
             FreeModuleError::OffLattice { .. } => {
                 "write 0, 120 or -120 for the outer joints, and 0, 90, -90 or 180 for the middle one".into()
+            }
+            FreeModuleError::OtherBody { what, theirs, .. } => {
+                format!("leave `{what}` out, or write body = \"{theirs}\" in [swarm]")
             }
             FreeModuleError::SecondGoal => "run it as another scenario, from the goal of this one".into(),
         }

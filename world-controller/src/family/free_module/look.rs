@@ -25,7 +25,13 @@ fn cells(place: &Place) -> [Cell; 2] {
 }
 
 /// Returns the motion of parts about an axis.
-fn swing(setup: &Setup, place: &Place, by: &Swing, parts: std::ops::Range<usize>, name: String) -> Motion {
+pub(super) fn swing(
+    setup: &Setup,
+    place: &Place,
+    by: &Swing,
+    parts: std::ops::Range<usize>,
+    name: String,
+) -> Motion {
     let by = Displacement::Turn {
         axis: by.axis.map(f64::from),
         degrees: by.degrees.into(),

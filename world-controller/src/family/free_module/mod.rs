@@ -1,16 +1,19 @@
 //! Free modules: single Roombots modules that form one structure and rebuild it, one agent each.
 //!
-//! `body = "lattice"`: modules stay on the lattice, and the controller plans all steps.
+//! `body = "lattice"`: modules stay on the lattice, and the controller plans all steps. `body = "physics"`: the structure
+//! walks ([`walking`]).
 
 mod bounds;
 mod describe;
 mod error;
 mod generated;
 mod look;
+pub mod plan_scene;
 pub mod report;
 mod run;
 mod scenario;
 mod schema;
+pub mod walking;
 mod words;
 
 use crate::family::generated::{Dice, GeneratedSwarm};
@@ -27,7 +30,6 @@ use metamorph_protocol::free_module::reconfiguration::Setup;
 use metamorph_protocol::free_module::reconfiguration::place::Place;
 use metamorph_protocol::free_module::reconfiguration::planning::Planner;
 use metamorph_protocol::ids::ModuleId;
-use scenario::RawFreeModules;
 use std::fmt;
 use std::sync::Arc;
 
@@ -47,7 +49,7 @@ impl ScenarioFamily for FreeModuleFamily {
         others: &Sections<'_, '_>,
         diagnostics: &mut Diagnostics,
     ) -> Box<dyn RawSwarm> {
-        Box::new(RawFreeModules::read(swarm, others, diagnostics))
+        scenario::read(swarm, others, diagnostics)
     }
     fn schema(&self) -> FamilySchema {
         schema::schema()

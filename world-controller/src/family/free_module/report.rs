@@ -1,5 +1,6 @@
 //! The results that only free modules have, as a part of the report.
 
+use super::walking::report::WalkReport;
 use crate::console::format::{count, many};
 use crate::report::family_part::{FamilyPart, FamilyText};
 use crate::report::schema::MoveReport;
@@ -56,7 +57,9 @@ pub struct FreePlanReport {
 /// Returns the JSON schema of the field.
 pub fn schema() -> Value {
     let settings = SchemaSettings::draft2020_12().for_serialize().with(|s| s.inline_subschemas = true);
-    settings.into_generator().into_root_schema_for::<FreeModuleReport>().to_value()
+    let lattice = settings.clone().into_generator().into_root_schema_for::<FreeModuleReport>();
+    let physics = settings.into_generator().into_root_schema_for::<WalkReport>();
+    json!({ "anyOf": [lattice.to_value(), physics.to_value()] })
 }
 
 /// Returns the field and its text.

@@ -3,6 +3,7 @@
 use super::FreeModules;
 use super::bounds::bounds;
 use super::error::FreeModuleError;
+use super::walking::{self, RawWalk};
 use crate::plan::input::{Structured, structured};
 use crate::scenario::diagnostics::{At, Diagnostics, Place};
 use crate::scenario::error::ScenarioError;
@@ -22,7 +23,7 @@ use metamorph_protocol::roombots::posture::Posture;
 use metamorph_protocol::time::Span;
 use std::sync::Arc;
 
-/// The only body so far.
+/// The body on the lattice.
 pub const BODY: &str = "lattice";
 /// The only strategy.
 pub const STRATEGY: &str = "planned";
@@ -90,15 +91,53 @@ pub struct RawFreeModules {
     memory: Option<At<u64>>,
 }
 
+/// Reads the sections of free modules, by their body. The shared keys of `swarm` have been read already; its other keys,
+/// and all of `others`, are read here.
+pub fn read(
+    mut swarm: Section<'_, '_>,
+    others: &Sections<'_, '_>,
+    diagnostics: &mut Diagnostics,
+) -> Box<dyn RawSwarm> {
+    let bodies = [(BODY, false), (walking::BODY, true)];
+    if swarm.choice("body", "body", &bodies, diagnostics) == Some(true) {
+        return Box::new(RawWalk::read(swarm, others, diagnostics));
+    }
+    Box::new(RawFreeModules::read(swarm, others, diagnostics))
+}
+
+/// The strategies, each with its body.
+const STRATEGIES: [(&str, &str); 2] = [(STRATEGY, BODY), (walking::STRATEGY, walking::BODY)];
+
+/// Refuses keys of a section that belong to the other body.
+pub fn refuse(
+    section: &mut Section<'_, '_>,
+    keys: &[&'static str],
+    [ours, theirs]: [&'static str; 2],
+    diagnostics: &mut Diagnostics,
+) {
+    for what in keys.iter().copied() {
+        if let Some(node) = section.node(what) {
+            diagnostics.add(node.span(), FreeModuleError::OtherBody { what, theirs, ours });
+        }
+    }
+}
+
+/// Reads the strategy, which must be that of the body.
+pub fn strategy(section: &mut Section<'_, '_>, ours: &'static str, diagnostics: &mut Diagnostics) {
+    let Some(chosen) = section.choice_at("strategy", "strategy", &STRATEGIES, diagnostics) else { return };
+    let other = STRATEGIES.into_iter().find(|(_, theirs)| *theirs == chosen.value && *theirs != ours);
+    if let Some((what, theirs)) = other {
+        diagnostics.add(chosen.place, FreeModuleError::OtherBody { what, theirs, ours });
+    }
+}
+
 impl RawFreeModules {
-    /// Reads the sections of free modules. The shared keys of `swarm` have been read already; its other keys, and all of
-    /// `others`, are read here.
-    pub fn read(
+    /// Reads the sections of free modules on the lattice, but for `body`.
+    fn read(
         mut swarm: Section<'_, '_>,
         others: &Sections<'_, '_>,
         diagnostics: &mut Diagnostics,
     ) -> RawFreeModules {
-        swarm.choice("body", "body", &[(BODY, ())], diagnostics);
         let start = swarm.need::<String>("start", START, diagnostics);
         let mut raw = RawFreeModules {
             start: start.and_then(|start| read_structure(start, diagnostics)),
@@ -114,6 +153,8 @@ impl RawFreeModules {
             work: None,
             memory: None,
         };
+        let bodies = [BODY, walking::BODY];
+        refuse(&mut swarm, &walking::SWARM_KEYS, bodies, diagnostics);
         swarm.finish(diagnostics);
         for (i, mut section) in goal_sections(others.goals, SHAPE, diagnostics).into_iter().enumerate() {
             if i > 0 {
@@ -122,6 +163,7 @@ impl RawFreeModules {
             raw.name = section.get("name", diagnostics).map(|name| name.value);
             let shape = section.need::<String>("shape", SHAPE, diagnostics);
             raw.goal = shape.and_then(|shape| read_structure(shape, diagnostics));
+            refuse(&mut section, &walking::GOAL_KEYS, bodies, diagnostics);
             section.finish(diagnostics);
         }
         if let Some(section) = protocol_section(others.protocol, "collision = \"core\"", diagnostics) {
@@ -131,7 +173,8 @@ impl RawFreeModules {
     }
 
     fn read_protocol(&mut self, mut section: Section<'_, '_>, diagnostics: &mut Diagnostics) {
-        section.choice("strategy", "strategy", &[(STRATEGY, ())], diagnostics);
+        strategy(&mut section, BODY, diagnostics);
+        refuse(&mut section, &walking::PROTOCOL_KEYS, [BODY, walking::BODY], diagnostics);
         let collision = section.choice("collision", "collision model", &COLLISIONS, diagnostics);
         self.collision = collision.unwrap_or(self.collision);
         let connectors = section.choice("connectors", "choice of connectors", &CONNECTORS, diagnostics);

@@ -10,6 +10,7 @@ mod space;
 mod starting;
 
 use crate::console::shutdown::Urgency;
+use crate::control::READ_EVERY;
 use crate::swarm::SwarmOptions;
 use crate::swarm::launcher::{Backend, Event, Launcher};
 use crate::swarm::links::Links;
@@ -135,6 +136,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         while !self.finishing {
             self.tick()?;
         }
+        self.options.control.iter().for_each(|queue| queue.lock().close());
         self.stop()?;
         if let Some(account) = self.launcher.settle()? {
             self.outcome.count_hosts(account);
@@ -150,6 +152,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
 
     fn tick(&mut self) -> Result<(), SwarmError> {
         self.take_events()?;
+        self.take_commands();
         self.look_at_space();
         let drained = self.drain()?;
         self.pace.renew().map_err(SwarmError::Clock)?;
@@ -160,6 +163,9 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         }
         let due = self.world.next_event().min(self.director.wake_at());
         let mut wait = self.pace.until(due);
+        if self.options.control.is_some() {
+            wait = wait.min(READ_EVERY);
+        }
         if let Some(retry_at) = self.retry_at {
             wait = wait.min(Duration::from_nanos(retry_at.saturating_sub(self.pace.monotonic())));
         }
@@ -171,6 +177,17 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
             }
         }
         Ok(())
+    }
+
+    /// Hands commands of operators to the director. They are in the journal before they are acknowledged.
+    fn take_commands(&mut self) {
+        let Some(queue) = &self.options.control else { return };
+        let now = self.now();
+        queue.lock().hand_in(now, |kind, bytes| {
+            self.director.input(now, kind, bytes)?;
+            self.director.commit();
+            Ok(())
+        });
     }
 
     fn wait_until(&mut self, deadline: u64) -> Result<(), SwarmError> {

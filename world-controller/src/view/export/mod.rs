@@ -7,6 +7,7 @@
 //! nothing older. So updates have a minimum interval, and the file size grows with modules times time. Not
 //! here: messages between modules, and the course of a body between two cells, which `metamorph view` shows.
 
+pub mod commands;
 mod foxglove;
 mod ros2;
 pub mod sdf;
@@ -50,7 +51,7 @@ pub struct ExportArgs {
     #[arg(value_name = "JOURNAL")]
     pub journal: PathBuf,
     /// Write Foxglove's scene updates to this MCAP file, which must not exist yet
-    #[arg(long, value_name = "FILE", required_unless_present_any = ["urdf", "sdf"], conflicts_with_all = ["urdf", "sdf"])]
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["urdf", "sdf", "commands"], conflicts_with_all = ["urdf", "sdf", "commands"])]
     pub mcap: Option<PathBuf>,
     /// The messages of a recording: Foxglove's as JSON, or those of ROS 2 in CDR
     #[arg(long, value_enum, default_value_t = Schema::Foxglove, requires = "mcap")]
@@ -64,6 +65,9 @@ pub struct ExportArgs {
     /// Write the structure at one instant as SDF 1.9 to this file, which must not exist yet
     #[arg(long, value_name = "FILE")]
     pub sdf: Option<PathBuf>,
+    /// Write the scenario of the run with the commands that operators gave to it, to this file, which must not exist yet
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["urdf", "sdf"])]
+    pub commands: Option<PathBuf>,
     /// How the structure at an instant is written.
     #[command(flatten)]
     pub structure: StructureArgs,
@@ -119,6 +123,9 @@ pub enum ExportError {
     /// Its scenario cannot be read.
     #[error("{0}\n  fix: use the program that wrote the journal")]
     Head(#[from] HeadError),
+    /// It holds commands that this program does not know.
+    #[error("{0}\n  fix: use the program that wrote the journal")]
+    Commands(String),
     /// The recording cannot be written to its file.
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -143,7 +150,7 @@ impl CommandError for ExportError {
         match self {
             ExportError::Output(error) => error.exit_code(),
             ExportError::Journal(error) => error.exit_code(),
-            ExportError::Head(_) => BAD_USAGE,
+            ExportError::Head(_) | ExportError::Commands(_) => BAD_USAGE,
             ExportError::Interrupted { .. } => Outcome::Aborted.exit_code(),
             ExportError::Write { .. } => FAILED,
         }
@@ -237,7 +244,7 @@ impl Body {
 #[derive(Clone, Copy, Debug)]
 enum Channels {
     Foxglove { scene: u16, log: u16 },
-    Ros2 { markers: u16, frames: u16, log: u16 },
+    Ros2 { markers: u16, frames: u16, diagnostics: u16, log: u16 },
 }
 
 type Output = Writer<BufWriter<File>>;
@@ -262,6 +269,7 @@ impl Channels {
         Ok(Channels::Ros2 {
             markers: add(ros2::MARKERS, "/modules")?,
             frames: add(ros2::FRAMES, "/tf")?,
+            diagnostics: add(ros2::DIAGNOSTICS, "/diagnostics")?,
             log: add(ros2::LOG, "/rosout")?,
         })
     }
@@ -384,16 +392,17 @@ impl Recording {
                     });
                 }
             }
-            Event::Died { id } => self.change(*id, |body| body.process = Process::Dead),
-            Event::Command(Command::Pause(id)) => self.change(*id, |body| body.process = Process::Paused),
-            Event::Command(Command::Resume(id)) => self.change(*id, |body| body.process = Process::Alive),
+            Event::Started { id } if record.at > Time::ZERO => self.process(*id, Process::Alive)?,
+            Event::Died { id } => self.process(*id, Process::Dead)?,
+            Event::Command(Command::Pause(id)) => self.process(*id, Process::Paused)?,
+            Event::Command(Command::Resume(id)) => self.process(*id, Process::Alive)?,
             Event::State(summary) => {
                 if let Who::Agent(id, _) = record.who {
                     self.change(id, |body| body.role.clone_from(&summary.role));
                 }
             }
-            Event::Injected { fault, effect, .. } => {
-                self.say(Level::Warning, &format!("{fault}: {effect}"))?
+            Event::Injected { fault, by, effect, .. } => {
+                self.say(Level::Warning, &format!("{fault} ({by}): {effect}"))?
             }
             Event::Violated { invariant, what } => {
                 self.say(Level::Error, &format!("{invariant} broke: {what}"))?;
@@ -402,6 +411,18 @@ impl Recording {
             _ => {}
         }
         Ok(())
+    }
+
+    /// Notes what has become of the process of a module.
+    fn process(&mut self, id: ModuleId, process: Process) -> Result<(), McapError> {
+        self.change(id, |body| body.process = process);
+        let Channels::Ros2 { diagnostics, .. } = self.channels else { return Ok(()) };
+        let level = match process {
+            Process::Alive => Level::Info,
+            Process::Paused => Level::Warning,
+            Process::Dead => Level::Error,
+        };
+        self.write(diagnostics, &ros2::diagnostics(self.now, id, level, process.name()))
     }
 
     fn change(&mut self, id: ModuleId, change: impl FnOnce(&mut Body)) {

@@ -1,8 +1,10 @@
 //! Messages of ROS 2 in CDR, the encoding of its middleware, as far as needed here: `visualization_msgs/MarkerArray`,
-//! `tf2_msgs/TFMessage` and `rcl_interfaces/Log`, with their definitions for the recording.
+//! `tf2_msgs/TFMessage`, `diagnostic_msgs/DiagnosticArray` and `rcl_interfaces/Log`, with their definitions for the
+//! recording.
 
 use super::foxglove::{Colour, Level};
 use crate::view::parts::Part;
+use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::Time;
 
 /// A definition with those that it refers to, as recordings hold them.
@@ -144,6 +146,37 @@ uint32 nanosec
 ",
 };
 
+/// The processes of modules.
+pub const DIAGNOSTICS: Definition = Definition {
+    name: "diagnostic_msgs/msg/DiagnosticArray",
+    text: "std_msgs/Header header
+diagnostic_msgs/DiagnosticStatus[] status
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+================================================================================
+MSG: diagnostic_msgs/DiagnosticStatus
+byte OK=0
+byte WARN=1
+byte ERROR=2
+byte STALE=3
+byte level
+string name
+string message
+string hardware_id
+diagnostic_msgs/KeyValue[] values
+================================================================================
+MSG: diagnostic_msgs/KeyValue
+string key
+string value
+",
+};
+
 /// The frame that positions are in.
 const WORLD: &str = "world";
 
@@ -238,6 +271,19 @@ pub fn frames<'p>(at: Time, parts: impl ExactSizeIterator<Item = (String, &'p Pa
     for (name, part) in parts {
         cdr.header(at, WORLD).text(&name).f64s(part.centre().into()).rotation(part);
     }
+    cdr.0
+}
+
+/// Returns what has become of the process of a module.
+pub fn diagnostics(at: Time, id: ModuleId, level: Level, process: &str) -> Vec<u8> {
+    let level = match level {
+        Level::Info => 0,
+        Level::Warning => 1,
+        Level::Error => 2,
+    };
+    let name = format!("module_{id}");
+    let mut cdr = Cdr::new();
+    cdr.header(at, "").u32(1).u8(level).text(&name).text(process).text(&name).u32(0);
     cdr.0
 }
 

@@ -377,6 +377,9 @@ mod tests {
             goal: Vec::new(),
             gradient: Vec::new(),
             messages: Vec::new(),
+            bin: 1.0,
+            edges: Vec::new(),
+            locks: BTreeMap::new(),
         }
     }
 

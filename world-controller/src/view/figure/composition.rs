@@ -1,6 +1,7 @@
 //! What a figure shows of a snapshot: the chosen solids in painter's order, the goal, and the colour of each module.
 
 use super::camera::{P, View};
+use super::links::LinkKind;
 use super::options::{ColorBy, GoalStyle, Only, Style};
 use super::order::painters_order;
 use super::outline::{joined, outline};
@@ -9,6 +10,7 @@ use super::snapshot::{Body, Process, Snapshot};
 use super::solid::{Filled, Owner, Solid, filled_cell, of_cell, of_part};
 use crate::view::parts::Part;
 use crate::view::visible::{Colour, FILLS, Floor, Words};
+use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -40,6 +42,12 @@ pub struct Extent {
     pub most: Option<u64>,
     /// True if a module has no number, or belongs to no set.
     pub without: bool,
+    /// The classes of drawn messages.
+    pub classes: BTreeSet<Class>,
+    /// True if a goal is outlined.
+    pub goal: bool,
+    /// True if a module waits for another one, and that is drawn.
+    pub waits: bool,
 }
 
 /// What a module's colour says.
@@ -82,6 +90,14 @@ impl Extent {
     pub fn add(&mut self, subject: &Subject<'_>, snapshot: &Snapshot, composition: &Composition) {
         let points = composition.solids.iter().flat_map(|s| &s.facets).flat_map(|f| &f.points);
         points.chain(composition.goal.iter().flatten()).for_each(|point| self.point(*point));
+        self.goal |= !composition.goal.is_empty();
+        for link in subject.links(snapshot, composition) {
+            match link.kind {
+                LinkKind::Contact => {}
+                LinkKind::Messages { class, .. } => drop(self.classes.insert(class)),
+                LinkKind::Wait => self.waits = true,
+            }
+        }
         let levels = snapshot.levels();
         for solid in &composition.solids {
             match solid.owner {
@@ -219,6 +235,12 @@ impl Subject<'_> {
                 Some(view) => Meaning::Member(view.place.max(0) as usize),
                 None => Meaning::Nothing,
             },
+            ColorBy::Locks => {
+                let own = ModuleId(id as u32);
+                let holds = snapshot.locks.values().any(|owner| *owner == own).then_some(own);
+                let owner = snapshot.locks.get(&own).copied().or(holds);
+                owner.map_or(Meaning::Nothing, |owner| Meaning::Member(owner.index()))
+            }
             ColorBy::Module => Meaning::Member(id),
             ColorBy::None => Meaning::Nothing,
         }

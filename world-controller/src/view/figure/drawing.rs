@@ -85,6 +85,7 @@ impl Subject<'_> {
         self.floor(&mut picture, &frame, extent);
         self.solids(&mut picture, &frame, snapshot, composition, extent.most.unwrap_or(0));
         self.goal(&mut picture, &frame, composition);
+        self.draw_links(&mut picture, &frame, &self.links(snapshot, composition), snapshot.bin);
         furniture(self, &mut picture, &frame, extent, bottom + STRIP);
         picture
     }
@@ -106,11 +107,15 @@ impl Subject<'_> {
         }
         let course = |points: &Vec<P>| (points.iter().map(|p| frame.at(*p)).collect(), false);
         let pieces = composition.goal.iter().map(course).collect();
-        let width = (0.09 * frame.scale).clamp(0.5, 0.9);
-        let stroke = Stroke { colour: self.style.theme.ink(), width, dash: Some(3.0 * width) };
+        let stroke = self.outline((0.09 * frame.scale).clamp(0.5, 0.9));
         picture.elements.push(Element::Begin("goal".to_owned(), Vec::new()));
         picture.elements.push(Element::Path { pieces, fill: None, opacity: 0.75, stroke: Some(stroke) });
         picture.elements.push(Element::End);
+    }
+
+    /// Returns the line around the goal.
+    pub fn outline(&self, width: f64) -> Stroke {
+        Stroke { colour: self.style.theme.ink(), width, dash: Some(3.0 * width) }
     }
 
     fn solids(
@@ -232,20 +237,7 @@ impl Subject<'_> {
         };
         let n = points.len() as f64;
         let middle = [0, 1].map(|i| points.iter().map(|p| p[i]).sum::<f64>() / n);
-        let at = |x: f64, y: f64| [0, 1].map(|i| middle[i] + x * u[i] + y * v[i]);
-        let lines = match state {
-            State::Dead => {
-                vec![vec![at(-0.25, -0.25), at(0.25, 0.25)], vec![at(-0.25, 0.25), at(0.25, -0.25)]]
-            }
-            State::Paused => {
-                vec![vec![at(-0.13, -0.25), at(-0.13, 0.25)], vec![at(0.13, -0.25), at(0.13, 0.25)]]
-            }
-            State::Waiting => vec![vec![at(-0.22, 0.0), at(-0.2, 0.0)], vec![at(0.2, 0.0), at(0.22, 0.0)]],
-            _ => return,
-        };
-        let stroke = Some(Stroke::solid(on(fill), (0.13 * frame.scale).clamp(0.35, 1.6)));
-        let pieces = lines.into_iter().map(|line| (line, false)).collect();
-        picture.elements.push(Element::Path { pieces, fill: None, opacity: 1.0, stroke });
+        sign(picture, state, middle, [u, v], (0.13 * frame.scale).clamp(0.35, 1.6), fill);
     }
 
     /// Writes the number of a module on its brightest face, under what is painted later.
@@ -257,6 +249,20 @@ impl Subject<'_> {
         let colour = on(fill.shaded(facet.shade));
         picture.text([x, y + 0.36 * size], Anchor::Middle, size, colour, &id.to_string());
     }
+}
+
+/// Draws the sign of a state on a parallelogram with this middle and these edges; most states have none.
+pub fn sign(picture: &mut Picture, state: State, middle: At, [u, v]: [At; 2], width: f64, fill: Rgb) {
+    let at = |x: f64, y: f64| [0, 1].map(|i| middle[i] + x * u[i] + y * v[i]);
+    let lines = match state {
+        State::Dead => vec![[at(-0.25, -0.25), at(0.25, 0.25)], [at(-0.25, 0.25), at(0.25, -0.25)]],
+        State::Paused => vec![[at(-0.13, -0.25), at(-0.13, 0.25)], [at(0.13, -0.25), at(0.13, 0.25)]],
+        State::Waiting => vec![[at(-0.22, 0.0), at(-0.2, 0.0)], [at(0.2, 0.0), at(0.22, 0.0)]],
+        State::Done | State::Active | State::Idle | State::Obstacle => return,
+    };
+    let stroke = Some(Stroke::solid(on(fill), width));
+    let pieces = lines.into_iter().map(|line| (line.into(), false)).collect();
+    picture.elements.push(Element::Path { pieces, fill: None, opacity: 1.0, stroke });
 }
 
 /// Returns a colour that is seen on another one.

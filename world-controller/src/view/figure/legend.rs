@@ -2,7 +2,8 @@
 
 use super::camera::P;
 use super::composition::{Extent, Subject};
-use super::drawing::{Frame, MARGIN};
+use super::drawing::{Frame, MARGIN, sign};
+use super::links::LinkKind;
 use super::options::ColorBy;
 use super::palette::{Rgb, State};
 use super::picture::{Anchor, At, Element, Picture, Stroke};
@@ -18,6 +19,8 @@ const TEXT: f64 = 6.5;
 const LINE: f64 = 10.0;
 /// Edge of a patch of colour, in points.
 const PATCH: f64 = 6.5;
+/// Length of a line in the legend, in points.
+const LINE_LONG: f64 = 13.0;
 /// Length of the axes, in points.
 const AXIS: f64 = 13.0;
 /// Width of the part of the strip with the axes, in points.
@@ -33,8 +36,10 @@ const MOST_MEMBERS: usize = 12;
 
 /// An entry of the legend.
 enum Entry {
-    /// A patch of colour, and what it says.
-    Patch(Rgb, String),
+    /// A patch of colour with the sign of a state, and what it says.
+    Patch(Rgb, Option<State>, String),
+    /// A line, and what it says.
+    Line(Stroke, String),
     /// A scale of colours from 0 to a number, and what it says.
     Scale(u64, String),
 }
@@ -42,7 +47,8 @@ enum Entry {
 impl Entry {
     fn width(&self) -> f64 {
         match self {
-            Entry::Patch(_, text) => PATCH + 3.0 + text_width(text, TEXT) + 9.0,
+            Entry::Patch(.., text) => PATCH + 3.0 + text_width(text, TEXT) + 9.0,
+            Entry::Line(_, text) => LINE_LONG + 3.0 + text_width(text, TEXT) + 9.0,
             Entry::Scale(most, text) => {
                 COLOURS + text_width(&count(*most), TEXT) + text_width(&format!("{text} 0"), TEXT) + 15.0
             }
@@ -64,18 +70,18 @@ fn entries(subject: &Subject<'_>, extent: &Extent) -> Vec<Entry> {
             entries.extend(number(&format!("{} to a {}", subject.words.distance[1], subject.words.target)));
         }
         ColorBy::Messages => entries.extend(number("messages (logarithmic)")),
-        ColorBy::Seed | ColorBy::Module => {
+        ColorBy::Seed | ColorBy::Module | ColorBy::Locks => {
             let what = if subject.style.color == ColorBy::Seed { subject.words.target } else { "module" };
             let members = extent.members.iter().take(MOST_MEMBERS);
-            entries.extend(members.map(|m| Entry::Patch(theme.distinct(*m), format!("{what} {m}"))));
+            entries.extend(members.map(|m| Entry::Patch(theme.distinct(*m), None, format!("{what} {m}"))));
             if extent.members.len() > MOST_MEMBERS {
-                entries.push(Entry::Patch(theme.plain(), "…".to_owned()));
+                entries.push(Entry::Patch(theme.plain(), None, "…".to_owned()));
             }
         }
         ColorBy::None => {}
     }
     if extent.without && subject.style.color != ColorBy::None {
-        entries.push(Entry::Patch(theme.plain(), "none".to_owned()));
+        entries.push(Entry::Patch(theme.plain(), None, "none".to_owned()));
     }
     entries.extend(extent.states.iter().map(|state| {
         let role = |colour| {
@@ -91,8 +97,15 @@ fn entries(subject: &Subject<'_>, extent: &Extent) -> Vec<Entry> {
             State::Dead => "dead",
             State::Obstacle => "obstacle",
         };
-        Entry::Patch(theme.state(*state), text.to_owned())
+        Entry::Patch(theme.state(*state), Some(*state), text.to_owned())
     }));
+    entries.extend(extent.goal.then(|| Entry::Line(subject.outline(0.7), "goal".to_owned())));
+    entries.extend(extent.classes.iter().map(|class| {
+        let colour = subject.link_colour(LinkKind::Messages { class: *class, count: 0 });
+        Entry::Line(Stroke::solid(colour, 1.4), class.name().to_owned())
+    }));
+    let waits = || Stroke::solid(subject.link_colour(LinkKind::Wait), 0.9);
+    entries.extend(extent.waits.then(|| Entry::Line(waits(), "waits for".to_owned())));
     entries
 }
 
@@ -139,7 +152,8 @@ pub fn furniture(subject: &Subject<'_>, picture: &mut Picture, frame: &Frame, ex
     for (entry, (x, line)) in entries.iter().zip(lines(&entries, left(subject), width)) {
         let y = top + line as f64 * LINE;
         match entry {
-            Entry::Patch(colour, text) => patch(subject, picture, [x, y], *colour, text),
+            Entry::Patch(colour, state, text) => patch(subject, picture, [x, y], (*colour, *state), text),
+            Entry::Line(stroke, text) => stroke_sample(subject, picture, [x, y], *stroke, text),
             Entry::Scale(most, text) => colours(subject, picture, [x, y], *most, text),
         }
     }
@@ -149,9 +163,26 @@ fn rectangle([x, y]: At, width: f64, height: f64) -> Vec<At> {
     vec![[x, y], [x + width, y], [x + width, y + height], [x, y + height]]
 }
 
-fn patch(subject: &Subject<'_>, picture: &mut Picture, [x, y]: At, colour: Rgb, text: &str) {
+fn stroke_sample(subject: &Subject<'_>, picture: &mut Picture, [x, y]: At, stroke: Stroke, text: &str) {
+    let middle = y + PATCH / 2.0;
+    picture.path(vec![[x, middle], [x + LINE_LONG, middle]], None, Some(stroke));
+    let at = [x + LINE_LONG + 3.0, y + TEXT * 0.88];
+    picture.text(at, Anchor::Start, TEXT, subject.style.theme.ink(), text);
+}
+
+fn patch(
+    subject: &Subject<'_>,
+    picture: &mut Picture,
+    [x, y]: At,
+    (colour, state): (Rgb, Option<State>),
+    text: &str,
+) {
     let ink = subject.style.theme.ink();
     picture.path(rectangle([x, y], PATCH, PATCH), Some(colour), Some(Stroke::solid(ink, 0.3)));
+    if let Some(state) = state {
+        let middle = [x + PATCH / 2.0, y + PATCH / 2.0];
+        sign(picture, state, middle, [[PATCH, 0.0], [0.0, PATCH]], 0.13 * PATCH, colour);
+    }
     picture.text([x + PATCH + 3.0, y + TEXT * 0.88], Anchor::Start, TEXT, ink, text);
 }
 

@@ -9,12 +9,14 @@ pub mod camera;
 pub mod composition;
 pub mod drawing;
 mod legend;
+mod links;
 pub mod options;
 mod order;
 mod outline;
 pub mod palette;
 pub mod picture;
 pub mod raster;
+pub mod request;
 pub mod snapshot;
 pub mod solid;
 
@@ -80,6 +82,32 @@ pub enum FigureError {
         /// The end of the run.
         end: String,
     },
+    /// The moment is after the end of the run.
+    #[error("--at {at}: the run ended at {end}\n  fix: name an earlier time, a share such as 50%, or `end`")]
+    Late {
+        /// The moment.
+        at: String,
+        /// The end of the run.
+        end: String,
+    },
+    /// The events were too many to keep.
+    #[error(
+        "the run has more than {0} events; only the first ones are kept, until {1}\n  fix: name a time before that"
+    )]
+    Forgotten(u64, String),
+    /// A moving picture of one moment.
+    #[error(
+        "--out: a moving picture needs the time from one frame to the next\n  fix: add --every 1s, or name a file that ends in .svg or .png"
+    )]
+    NoEvery,
+    /// A figure of several moments.
+    #[error(
+        "--every: a file that ends in .svg or .png shows one moment\n  fix: name numbered files such as --out 'frames/{{i}}.png', or one that ends in .gif or .apng, or leave out --every"
+    )]
+    Every,
+    /// A moving picture without a background.
+    #[error("--theme transparent: moving pictures have a background\n  fix: choose another theme")]
+    Transparent,
     /// Interrupted by a signal.
     #[error("interrupted; nothing is written")]
     Interrupted,
@@ -138,9 +166,10 @@ impl<'a> Figure<'a> {
             ColorBy::Level => "level",
             ColorBy::Gradient => "gradient",
             ColorBy::Messages if extent.most == Some(0) => "messages",
+            ColorBy::Locks if extent.members.is_empty() => "locks",
             _ => return Ok(()),
         };
-        let known = style.color != ColorBy::Messages && extent.most.is_some();
+        let known = !matches!(style.color, ColorBy::Messages | ColorBy::Locks) && extent.most.is_some();
         if known { Ok(()) } else { Err(FigureError::NoNumbers { color, at: at() }) }
     }
 

@@ -39,6 +39,8 @@ pub struct Style {
     pub title: Option<String>,
     /// What is written on modules.
     pub labels: Labels,
+    /// The lines that are drawn between modules.
+    pub links: BTreeSet<Links>,
     /// Background and colours.
     pub theme: Theme,
 }
@@ -242,6 +244,8 @@ pub enum ColorBy {
     Gradient,
     /// The messages that a module has sent and received so far
     Messages,
+    /// The module that a module has promised to stay for
+    Locks,
     /// The seed that a module fills, or the goal that it has built
     Seed,
     /// The module, by its number
@@ -268,6 +272,17 @@ pub enum Labels {
     Off,
     /// Their numbers
     Ids,
+}
+
+/// Lines between modules.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
+pub enum Links {
+    /// Modules side by side
+    Contacts,
+    /// Messages that arrive in the time bin of the moment: wider if more, in the colour of the most frequent class
+    Messages,
+    /// From a module to the one that it waits for
+    Waits,
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 
 use crate::view::visible;
 use clap::ValueEnum;
+use metamorph_protocol::counters::Class;
 use std::fmt;
 
 /// A colour: red, green, blue.
@@ -145,7 +146,23 @@ impl Theme {
     }
     /// Returns a colour for a member of a set.
     pub fn distinct(self, member: usize) -> Rgb {
-        let colour = DISTINCT[member % DISTINCT.len()];
+        self.printed(DISTINCT[member % DISTINCT.len()])
+    }
+    /// Returns the colour of a class of messages.
+    pub fn class(self, class: Class) -> Rgb {
+        let colour = match class {
+            Class::Gradient => Rgb(0x44, 0x77, 0xaa),
+            Class::Seed => Rgb(0x22, 0x88, 0x33),
+            Class::Connectivity => Rgb(0xaa, 0x33, 0x77),
+            Class::Negotiation => Rgb(0xee, 0x88, 0x33),
+            Class::World => Rgb(0x8b, 0x98, 0xa5),
+            Class::Liveness => Rgb(0xc3, 0xcc, 0xd4),
+            Class::Gait => Rgb(0x66, 0xcc, 0xee),
+        };
+        self.printed(colour)
+    }
+    /// Returns a colour as the theme prints it.
+    fn printed(self, colour: Rgb) -> Rgb {
         match self {
             Theme::Grey => {
                 let grey = colour.luminance().round() as u8;

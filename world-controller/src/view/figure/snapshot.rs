@@ -1,6 +1,6 @@
 //! The state of a run at one moment, made from its scene: bodies where they are, in motion too.
 
-use crate::report::message_timeline::FAR;
+use crate::report::message_timeline::{Edge, FAR};
 use crate::view::bodies::ShownSwarm;
 use crate::view::parts::{Motion, Part};
 use crate::view::scene::{Event, Scene};
@@ -50,6 +50,20 @@ pub struct Snapshot {
     pub gradient: Vec<Option<u16>>,
     /// The messages that each module has sent and received so far.
     pub messages: Vec<u64>,
+    /// The length of a time bin, in seconds.
+    pub bin: f64,
+    /// The messages of the time bin of the moment.
+    pub edges: Vec<Edge>,
+    /// Modules with those that they have promised to stay for.
+    pub locks: BTreeMap<ModuleId, ModuleId>,
+}
+
+impl Body {
+    /// Returns the middle of its parts.
+    pub fn middle(&self) -> [f64; 3] {
+        let sum: nalgebra::Vector3<f64> = self.parts.iter().map(Part::centre).sum();
+        (sum / self.parts.len().max(1) as f64).into()
+    }
 }
 
 impl Snapshot {
@@ -119,7 +133,8 @@ impl<'s> Playback<'s> {
             }
         }
         self.bin = until;
-        let known = until.checked_sub(1).and_then(|last| bins.get(last)).map_or(&[][..], |b| &b.gradient);
+        let present = until.checked_sub(1).and_then(|last| bins.get(last));
+        let known = present.map_or(&[][..], |bin| &bin.gradient);
         let gradient = |i: usize| known.get(i).copied().filter(|distance| *distance != FAR);
         Snapshot {
             at,
@@ -128,6 +143,9 @@ impl<'s> Playback<'s> {
             goal: self.goal_cells(),
             gradient: (0..self.courses.len()).map(gradient).collect(),
             messages: self.messages.clone(),
+            bin: width.as_secs_f64(),
+            edges: present.map_or_else(Vec::new, |bin| bin.edges.clone()),
+            locks: present.into_iter().flat_map(|bin| bin.locks.iter().copied()).collect(),
         }
     }
 

@@ -1,8 +1,10 @@
 // The page: reads the story, plays it, and handles buttons and keys.
 
 import { Camera } from "./camera.js";
+import { Control } from "./control.js";
 import { Drawing } from "./drawing.js";
 import { Panel, make } from "./panel.js";
+import { fetchFigure, figureOf, renderLine, saveAs } from "./figure.js";
 import { MEANINGS, Picture, TOLD, UNSEEN } from "./picture.js";
 import { Story } from "./story.js";
 import { Timeline } from "./timeline.js";
@@ -10,6 +12,10 @@ import { Timeline } from "./timeline.js";
 const by = (id) => document.getElementById(id);
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8, 16, 32, 64, 128];
 const FOLLOW_EVERY = 400;
+/** Of a page that commands the run. */
+const FOLLOW_CLOSELY = 100;
+/** What is shown, by the link of the scene. */
+const LINKS = { sim: "simulated", ipc: "processes", plan: "a plan, one action a second" };
 
 const KEYS = [
   ["Space", "play or pause"],
@@ -23,6 +29,7 @@ const KEYS = [
   ["M W G", "messages, who waits for whom, unfilled goal: on or off"],
   ["N P", "next module, previous module"],
   ["Esc", "choose no module"],
+  ["S", "save a figure"],
   ["D", "light or dark"],
   ["?", "this list"],
 ];
@@ -56,6 +63,8 @@ class Page {
     this.picture = new Picture(this.drawing, story);
     this.timeline = new Timeline(by("timeline"), by("head"), by("tip"), story);
     this.panel = new Panel(story, this.picture);
+    this.control = story.over ? null : Control.fromAddress();
+    this.control?.show(by("commands"), () => this.chosen);
     this.fill();
     this.listen();
     this.fit();
@@ -76,12 +85,15 @@ class Page {
     const { scene } = this.story;
     document.title = `${scene.title} – Metamorph`;
     by("title").textContent = scene.title;
-    by("about").textContent = `${scene.start.length.toLocaleString("en")} ${scene.words.modules} · ${scene.link === "sim" ? "simulated" : "processes"} · seed ${scene.seed}`;
+    const modules = `${scene.start.length.toLocaleString("en")} ${scene.words.modules}`;
+    const seed = scene.seed === null ? null : `seed ${scene.seed}`;
+    by("about").textContent = [modules, LINKS[scene.link], seed].filter((text) => text).join(" · ");
+    if (this.story.isPlan) by("entries").textContent = "actions";
     by("repeat").textContent = scene.repeat;
     by("description").textContent = scene.description ?? "";
     by("meaning").append(...Object.entries(MEANINGS).map(([value, text]) => make("option", { value }, text)));
     by("speed").append(...SPEEDS.map((s) => make("option", { value: s }, `${s}×`)));
-    this.setSpeed(this.story.over ? this.story.now / 1e6 / 40 : 1);
+    this.setSpeed(this.story.over && !this.story.isPlan ? this.story.now / 1e6 / 40 : 1);
     by("keylist").append(...KEYS.flatMap(([keys, text]) => [make("dt", {}, ...keys.split(" ").flatMap((k, i) => [i ? " " : "", make("kbd", {}, k)])), make("dd", {}, text)]));
     const classes = scene.classes.map((name, i) => {
       const swatch = make("i");
@@ -128,6 +140,9 @@ class Page {
     click("theme", () => this.setTheme(document.documentElement.dataset.theme !== "dark", true));
     click("help", () => by("keys").showModal());
     click("unchoose", () => this.choose(null));
+    click("save", () => this.openSaving());
+    for (const id of ["format", "width"]) by(id).addEventListener("change", () => this.tellRender());
+    by("saving").addEventListener("close", () => by("saving").returnValue && this.save());
     by("speed").addEventListener("change", (e) => this.setSpeed(Number(e.target.value)));
     by("meaning").addEventListener("change", (e) => this.setMeaning(e.target.value));
     for (const id of ["messages", "waits", "goal"]) by(id).addEventListener("change", () => this.redraw());
@@ -158,7 +173,7 @@ class Page {
 
   key(e) {
     const typing = e.target.matches?.("input:not([type=checkbox]):not([type=range]), select, textarea");
-    if (typing || e.ctrlKey || e.metaKey || e.altKey || by("keys").open) return;
+    if (typing || e.ctrlKey || e.metaKey || e.altKey || by("keys").open || by("saving").open) return;
     const onScrub = e.target.id === "scrub";
     const toggle = (id) => {
       if (by(id).disabled) return;
@@ -190,6 +205,7 @@ class Page {
       p: () => this.neighbour(-1),
       d: () => this.setTheme(document.documentElement.dataset.theme !== "dark", true),
       Escape: () => this.choose(null),
+      s: () => this.openSaving(),
       "?": () => by("keys").showModal(),
     };
     Object.keys(MEANINGS).forEach((meaning, i) => (actions[`${i + 1}`] = () => this.setMeaning(meaning)));
@@ -266,6 +282,44 @@ class Page {
     this.camera.fit(this.picture.bounds.points);
   }
 
+  /** Returns the figure of what is shown, as options of `metamorph render`. */
+  figure() {
+    return figureOf({
+      story: this.story,
+      t: this.t,
+      camera: this.camera,
+      meaning: this.meaning,
+      messages: by("messages").checked,
+      waits: by("waits").checked,
+      goal: by("goal").checked,
+      dark: document.documentElement.dataset.theme === "dark",
+      width: by("width").value,
+      moving: ["gif", "apng"].includes(by("format").value),
+    });
+  }
+
+  openSaving() {
+    this.setPlaying(false);
+    by("saving").returnValue = "";
+    by("saving").showModal();
+    this.tellRender();
+  }
+
+  tellRender() {
+    by("render").textContent = renderLine(this.figure(), by("format").value);
+  }
+
+  async save() {
+    by("save").disabled = true;
+    this.note("");
+    try {
+      saveAs(await fetchFigure(this.figure(), by("format").value));
+    } catch (error) {
+      this.note(`The figure cannot be saved: ${error.message}`);
+    }
+    by("save").disabled = false;
+  }
+
   note(text) {
     by("note").textContent = text;
     by("note").hidden = !text;
@@ -287,7 +341,7 @@ class Page {
     // The time may have changed before the response arrived.
     if (this.t >= end && !this.playing) this.t = this.story.now;
     this.redraw();
-    if (!this.story.over) setTimeout(() => this.follow(), FOLLOW_EVERY);
+    if (!this.story.over) setTimeout(() => this.follow(), this.control ? FOLLOW_CLOSELY : FOLLOW_EVERY);
   }
 
   frame(now) {

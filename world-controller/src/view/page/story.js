@@ -48,6 +48,11 @@ export class Story {
     this.onAnew = () => {};
   }
 
+  /** True if a plan is shown without a run: its list of faults has the actions. */
+  get isPlan() {
+    return this.scene.link === "plan";
+  }
+
   async ask(what) {
     const answer = await fetch(what, { cache: "no-store" });
     if (!answer.ok) throw new Error(`${what}: ${answer.status}`);

@@ -213,7 +213,7 @@ export class Timeline {
     for (const { t, what } of this.story.faults) {
       const x = this.x(t);
       const mends = /^(resume |unstick |unblock |restart |heal$)/.test(what);
-      paint.fillStyle = colour(mends ? "--mend" : "--bad");
+      paint.fillStyle = colour(this.story.isPlan ? "--soft" : mends ? "--mend" : "--bad");
       paint.globalAlpha = 0.5;
       paint.fillRect(x - 0.5, TOP, 1, height - TOP - BOTTOM);
       paint.globalAlpha = 1;

@@ -1,6 +1,7 @@
 //! Published results of planners and of networks of oscillators, beside ours: one table of figures each.
 
 mod graph_signature;
+mod learning_curves;
 mod network_parameters;
 mod on_grid;
 mod pairing;
@@ -11,11 +12,14 @@ mod torque;
 mod transport;
 
 use super::{Experiment, Request};
+use crate::console::escape::Shown;
 use crate::console::interrupt::Interrupt;
 use crate::console::output::{Json, Outputs};
 use crate::console::table::Table;
 use crate::console::terminal::{Channel, Paint};
 use crate::experiments::sweep::SweepError;
+use crate::gait::document::GaitFile;
+use crate::gait::file;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use serde::Serialize;
 
@@ -76,6 +80,9 @@ impl PlannerTable {
 pub fn reproduce(experiments: &[Experiment], request: &Request) -> Result<u8, SweepError> {
     let mut outputs = Outputs::new();
     let json = Json::of(request.json.as_deref(), &mut outputs)?;
+    let gaits: Vec<GaitFile> = (request.gaits.iter())
+        .map(|path| file::read(&format!("--gaits {}", path.shown()), path))
+        .collect::<Result<_, _>>()?;
     let interrupt = Interrupt::listen().map_err(SweepError::Signals)?;
     interrupt.begin();
     let mut planners = Vec::new();
@@ -83,7 +90,11 @@ pub fn reproduce(experiments: &[Experiment], request: &Request) -> Result<u8, Sw
         planners.push(match experiment {
             Experiment::OnGrid => on_grid::table(request.seeds, &interrupt),
             Experiment::RewardMap => reward_map::table(request.seeds, &interrupt),
-            Experiment::Thesis7 => network_parameters::table(),
+            Experiment::Thesis7 => {
+                let mut table = network_parameters::table();
+                learning_curves::add(&mut table, &gaits);
+                table
+            }
             Experiment::Torque => torque::table(),
             Experiment::Transport => transport::table(request.seeds, &interrupt),
             Experiment::Study => study::table(),

@@ -49,7 +49,12 @@ pub enum Method {
 
 impl Method {
     /// Creates the learner of a number of parameters. `start` is where it begins, if it can.
-    pub fn learner(self, dimensions: usize, seed: u64, start: Option<Point>) -> Box<dyn Learner + Send> {
+    pub fn learner(
+        self,
+        dimensions: usize,
+        seed: u64,
+        start: Option<Point>,
+    ) -> Box<dyn Learner + Send + Sync> {
         let rng = Rng::named(seed, "learn", 0);
         match self {
             Method::Cma => match start {

@@ -42,9 +42,7 @@ impl Space {
     pub fn of(structure: &Structure, kind: NetworkKind) -> Result<Space, NoOscillators> {
         let morphology = Morphology::of(structure);
         let network = morphology.network(kind)?;
-        let is_reduced =
-            matches!(kind, NetworkKind::Blf | NetworkKind::BlfSym) && morphology.partition.has_body();
-        let roles = if is_reduced { morphology.roles() } else { BTreeMap::new() };
+        let roles = morphology.articulations(kind);
         let mut amplitudes = vec![PI; network.groups()];
         for (joint, group) in network.oscillators.iter().zip(&network.group) {
             amplitudes[*group] = largest(roles.get(joint).copied());
@@ -139,7 +137,7 @@ pub fn turns(phase: Phase) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learn::ask_tell::anywhere;
+    use crate::gait::ask_tell::anywhere;
     use metamorph_protocol::free_module::named;
     use metamorph_protocol::ids::ModuleId;
     use metamorph_protocol::rng::Rng;

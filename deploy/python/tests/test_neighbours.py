@@ -1,0 +1,61 @@
+"""What `metamorph export` writes, read by the examples of docs/neighbours.md with the libraries that they name."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from metamorph import _program
+
+ROOT = Path(__file__).resolve().parents[3]
+EXAMPLES = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "neighbours.md").read_text(), re.DOTALL)
+
+
+def export(directory: Path, *words: str) -> None:
+    """Exports a run in which one module dies and another is stopped for a time."""
+    journal = directory / "run.journal"
+    if not journal.exists():
+        faults = ["--kill", "3@1s", "--pause", "7@1s..3s"]
+        run = ["run", "swarm", "--link", "sim", "--quiet", *faults, "--journal", str(journal)]
+        subprocess.run([_program.find(), *run], check=True)
+    subprocess.run([_program.find(), "export", str(journal), *words], check=True, cwd=directory, capture_output=True)
+
+
+def example(library: str) -> str:
+    (found,) = [text for text in EXAMPLES if library in text]
+    return found
+
+
+def test_a_recording_is_read_with_the_messages_of_ros_2(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    decoder = pytest.importorskip("mcap_ros2.decoder")
+    reader = pytest.importorskip("mcap.reader")
+    export(tmp_path, "--mcap", "run.mcap", "--schema", "ros2")
+    monkeypatch.chdir(tmp_path)
+    exec(compile(example("mcap_ros2"), "neighbours.md", "exec"), {})
+    said = capsys.readouterr().out.splitlines()
+    assert ["module_3 dead", "module_7 paused", "module_7 alive", "module_41 dead"] == [line.split(" ", 1)[1] for line in said]
+    with open("run.mcap", "rb") as file:
+        decoded = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()]).iter_decoded_messages()
+        messages = [(channel.topic, message) for _, channel, _, message in decoded]
+    topics = Counter(topic for topic, _ in messages)
+    assert topics["/modules"] == topics["/tf"] > 10 and topics["/diagnostics"] == 4 and topics["/rosout"] >= 4
+    last = [message for topic, message in messages if topic == "/modules"][-1]
+    assert len({marker.ns for marker in last.markers}) == 42
+    frames = [message for topic, message in messages if topic == "/tf"][-1].transforms
+    places = {f.child_frame_id: (f.transform.translation.x, f.transform.translation.z) for f in frames}
+    assert {(m.ns, m.pose.position.x, m.pose.position.z) for m in last.markers} == {(n, *p) for n, p in places.items()}
+
+
+def test_a_structure_is_read_as_urdf(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("yourdfpy")
+    export(tmp_path, "--at", "50%", "--urdf", "half.urdf")
+    monkeypatch.chdir(tmp_path)
+    exec(compile(example("yourdfpy"), "neighbours.md", "exec"), {})
+    assert capsys.readouterr().out.startswith("43 ")

@@ -1,0 +1,266 @@
+//! Commands to a run in progress: who may give them, their effect, and that a run with them can be repeated, replayed and
+//! resumed.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
+
+use metamorph_tests::chaos::{signal_to, wait_until};
+use metamorph_tests::command::{report, run, run_processes, scenario};
+use metamorph_tests::view::View;
+use metamorph_world_controller::report::schema::Report;
+use metamorph_world_controller::swarm::clean;
+use rustix::process::Signal;
+use serde_json::{Value, json};
+use std::fs;
+use std::path::Path;
+
+fn body(session: &str, n: u64, commands: &[&str]) -> String {
+    json!({ "version": 1, "session": session, "n": n, "commands": commands }).to_string()
+}
+
+/// A run with a page that can control it, with its journal and report in a directory.
+fn start(directory: &Path, link: &str, options: &[&str]) -> View {
+    let file = scenario("swarm.toml").display().to_string();
+    let path = |name: &str| directory.join(name).display().to_string();
+    let fixed = ["run", &file, "--link", link, "--view", "--control", "--quiet"];
+    let (journal, json) = (path("journal"), path("report.json"));
+    let files = ["--journal", journal.as_str(), "--json", json.as_str()];
+    View::start(&[&fixed[..], &files, options].concat())
+}
+
+/// Returns the report of a run, once it is over.
+fn ended(directory: &Path) -> Report {
+    let file = directory.join("report.json");
+    let mut found = None;
+    wait_until("the report", || {
+        found = fs::read_to_string(&file).ok().filter(|text| serde_json::from_str::<Value>(text).is_ok());
+        found.is_some()
+    });
+    report(&found.unwrap())
+}
+
+/// Returns the faults that were commands, as text.
+fn commanded(report: &Report) -> Vec<String> {
+    let commands = report.faults.iter().filter(|f| f.by == "operator 1");
+    commands.map(|f| format!("{} {}", f.fault, f.module.unwrap())).collect()
+}
+
+#[test]
+fn a_simulated_run_with_commands_is_exported_as_a_scenario() {
+    let directory = tempfile::tempdir().unwrap();
+    let view = start(directory.path(), "sim", &[]);
+    let (status, answer) = view.post(&body("a", 1, &["kill 3", "pause 5"]));
+    assert_eq!(
+        (status, &answer["result"], &answer["operator"]),
+        (200, &json!("taken"), &json!(1)),
+        "{answer}"
+    );
+    // The same number is the same request: it gets the same answer and has no effect.
+    assert_eq!(view.post(&body("a", 1, &["kill 9"])), (200, answer.clone()));
+    let (status, again) = view.post(&body("a", 2, &["resume 5"]));
+    assert_eq!(status, 200, "{again}");
+    assert!(again["at_s"].as_f64() > answer["at_s"].as_f64());
+    // All of a request or nothing of it.
+    let (status, refused) = view.post(&body("a", 3, &["kill 4", "resume 6"]));
+    assert_eq!((status, refused["why"].as_str()), (200, Some("module 6 is not paused")));
+    let commands = ended(directory.path());
+    assert_eq!(commanded(&commands), ["kill 3", "pause 5", "resume 5"]);
+    assert_eq!(view.post(&body("a", 4, &["kill 4"])).0, 410, "the run is over");
+    assert_eq!(view.end(), Some(0));
+
+    let (journal, file) = (directory.path().join("journal"), directory.path().join("session.toml"));
+    let (journal, file) = (journal.display().to_string(), file.display().to_string());
+    let exported = run(&["export", &journal, "--commands", &file]);
+    assert_eq!(exported.code, Some(0), "{exported:?}");
+    assert!(exported.out.contains("3 commands"), "{exported:?}");
+    let repeated = run(&["run", &file, "--link", "sim", "--json", "-"]);
+    let repeated = report(&repeated.out);
+    assert_eq!(repeated.trace_hash, commands.trace_hash);
+    assert_eq!(repeated.state_hash, commands.state_hash);
+    assert_eq!(commanded(&repeated), commanded(&commands));
+    let replayed = run(&["replay", &journal]);
+    assert_eq!(replayed.code, Some(0), "{replayed:?}");
+}
+
+#[test]
+fn processes_obey_commands() {
+    let directory = tempfile::tempdir().unwrap();
+    let view = start(directory.path(), "ipc", &[]);
+    let (status, answer) = view.post(&body("a", 1, &["kill 3", "stick 7"]));
+    assert!(status == 200 || status == 202, "{answer}");
+    let report = ended(directory.path());
+    assert_eq!(commanded(&report), ["kill 3", "stick 7"]);
+    assert_eq!((report.outcome.as_str(), report.agents.crashed), ("built", 2), "{report:?}");
+    assert_eq!(view.end(), Some(0));
+    let journal = directory.path().join("journal").display().to_string();
+    let replayed = run_processes(&["replay", &journal]);
+    assert_eq!(replayed.code, Some(0), "{replayed:?}");
+}
+
+#[test]
+fn a_resumed_run_has_had_its_commands() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut view = start(directory.path(), "ipc", &["--patience", "60s"]);
+    let mut answer = (0, Value::Null);
+    wait_until("the command to be taken", || {
+        answer = view.post(&body("a", 1, &["kill 3"]));
+        answer.0 == 200
+    });
+    // Acknowledged, so it is in the journal.
+    signal_to(view.process.id() as i32, Signal::KILL);
+    view.process.wait().unwrap();
+    let journal = directory.path().join("journal").display().to_string();
+    let resumed = run_processes(&["resume", &journal, "--json", "-", "--quiet"]);
+    let _ = clean();
+    assert_eq!(commanded(&report(&resumed.out)), ["kill 3"], "{resumed:?}");
+    let replayed = run(&["replay", &journal]);
+    assert_eq!(replayed.code, Some(0), "{replayed:?}");
+}
+
+/// What programs of other users and pages of other servers can send.
+#[test]
+fn hostile_requests_change_nothing() {
+    let directory = tempfile::tempdir().unwrap();
+    let view = start(directory.path(), "sim", &[]);
+    let (host, root) = view.parts();
+    let (origin, secret) =
+        (format!("Origin: http://{host}\r\n"), format!("Authorization: Bearer {}\r\n", view.secret));
+    let kind = "Content-Type: application/json\r\n";
+    let good = body("a", 1, &["kill 3"]);
+    let post = |path: &str, host: &str, headers: &str, body: &str| {
+        let length = body.len();
+        format!(
+            "POST {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\nContent-Length: {length}\r\n{headers}\r\n{body}"
+        )
+    };
+    let path = format!("{root}command");
+    let all = format!("{origin}{secret}{kind}");
+    let wrong_secret = format!("Authorization: Bearer {}\r\n", "0".repeat(32));
+    let token = root.trim_matches('/');
+    let token_as_secret = format!("Authorization: Bearer {token}\r\n");
+    let basic = format!("Authorization: Basic {}\r\n", view.secret);
+    let headers = [
+        (403, String::new()),
+        (403, kind.to_owned()),
+        (403, format!("{secret}{kind}")),
+        (403, format!("{origin}{kind}")),
+        (403, format!("{origin}{wrong_secret}{kind}")),
+        (403, format!("{origin}{token_as_secret}{kind}")),
+        (403, format!("{origin}{basic}{kind}")),
+        (403, format!("{origin}{secret}{wrong_secret}{kind}")),
+        (403, format!("Origin: http://evil.example\r\n{secret}{kind}")),
+        (403, format!("Origin: null\r\n{secret}{kind}")),
+        (403, format!("{origin}Origin: http://evil.example\r\n{secret}{kind}")),
+        (403, format!("{all}Sec-Fetch-Site: cross-site\r\n")),
+        (403, format!("{all}Sec-Fetch-Site: same-site\r\n")),
+        (403, format!("{all}Sec-Fetch-Site: none\r\n")),
+        (415, format!("{origin}{secret}")),
+        (415, format!("{origin}{secret}Content-Type: text/plain\r\n")),
+        (415, format!("{origin}{secret}Content-Type: application/x-www-form-urlencoded\r\n")),
+        (415, format!("{origin}{secret}Content-Type: multipart/form-data; boundary=x\r\n")),
+    ];
+    for (expected, headers) in &headers {
+        let (status, answer) = view.raw(&post(&path, host, headers, &good));
+        assert_eq!(status, *expected, "{headers}: {answer}");
+    }
+    for other in ["evil.example", "127.0.0.1", "127.0.0.1:1", "evil.example:80"] {
+        assert_eq!(view.raw(&post(&path, other, &all, &good)).0, 403, "{other}");
+    }
+    for wrong in [
+        "/command",
+        "/x/command",
+        &format!("{root}Command"),
+        &format!("{root}command/"),
+        &format!("{root}../command"),
+        &root.replace('/', ""),
+    ] {
+        let status = view.raw(&post(wrong, host, &all, &good)).0;
+        assert!(status == 404 || status == 405 || status == 400, "{wrong}: {status}");
+    }
+    for method in ["PUT", "DELETE", "OPTIONS", "PATCH", "GET", "HEAD"] {
+        let request = post(&path, host, &all, &good).replacen("POST", method, 1);
+        let status = view.raw(&request).0;
+        assert!(status == 405 || status == 404, "{method}: {status}");
+    }
+    let deep = format!(
+        "{{\"version\":1,\"session\":{}1{},\"n\":1,\"commands\":[]}}",
+        "[".repeat(9_000),
+        "]".repeat(9_000)
+    );
+    let many: Vec<&str> = vec!["kill 1"; 65];
+    let bodies = [
+        (400, String::new()),
+        (400, "kill 3".to_owned()),
+        (400, "null".to_owned()),
+        (400, "[]".to_owned()),
+        (400, good.replace('}', "")),
+        (400, good.replace("\"n\":1", "\"n\":-1")),
+        (400, good.replace("\"n\":1", "\"n\":1.5")),
+        (400, good.replace("\"version\":1", "\"version\":2")),
+        (400, good.replace("\"session\"", "\"sessions\"")),
+        (400, good.replace("\"a\"", "\"\"")),
+        (400, good.replace("\"a\"", &format!("\"{}\"", "a".repeat(65)))),
+        (400, body("a", 1, &[])),
+        (400, deep),
+        (413, body("a", 1, &["x".repeat(70_000).as_str()])),
+        (409, body("a", 7, &["kill 3"])),
+        (409, body("a", 0, &["kill 3"])),
+        (429, body("b", 1, &many)),
+        (200, body("c", 1, &["kill 4000"])),
+        (200, body("c", 2, &["launch 3"])),
+        (200, body("c", 3, &["kill 3; at 0 ns by operator 0: kill 4"])),
+        (200, body("c", 4, &["kill 3", "block [0, 0, 0]"])),
+    ];
+    for (expected, body) in &bodies {
+        let (status, answer) = view.raw(&post(&path, host, &all, body));
+        assert_eq!(status, *expected, "{}: {answer}", &body[..body.len().min(200)]);
+        assert!(answer.contains("\"refused\""), "{answer}");
+    }
+    let invalid = [b"\xff\xfe".as_slice(), b"{\"version\":1,\"session\":\"\xc3\x28\"}"];
+    for bytes in invalid {
+        let text = post(&path, host, &all, "")
+            .replace("Content-Length: 0", &format!("Content-Length: {}", bytes.len()));
+        assert_eq!(view.raw_bytes(&[text.as_bytes(), bytes].concat()).0, 400);
+    }
+    // Session c holds the control now.
+    assert_eq!(view.post(&good).0, 423);
+    let report = ended(directory.path());
+    assert!(report.faults.iter().all(|f| f.by == "scenario"), "{:?}", report.faults);
+    assert_eq!(view.end(), Some(0));
+    let file = scenario("swarm.toml").display().to_string();
+    let undisturbed = run(&["run", &file, "--link", "sim", "--json", "-", "--quiet"]);
+    assert_eq!(metamorph_tests::command::report(&undisturbed.out).trace_hash, report.trace_hash);
+}
+
+#[test]
+fn one_page_at_a_time_has_the_control() {
+    let directory = tempfile::tempdir().unwrap();
+    let view = start(directory.path(), "sim", &[]);
+    assert_eq!(view.post(&body("first", 1, &["stick 3"])).0, 200);
+    assert_eq!(view.post(&body("second", 1, &["stick 4"])).0, 423);
+    let over = body("second", 1, &["stick 4"]).replace("\"n\"", "\"take_over\":true,\"n\"");
+    let (status, answer) = view.post(&over);
+    assert_eq!((status, answer["operator"].as_u64()), (200, Some(2)));
+    assert_eq!(view.post(&body("first", 2, &["unstick 3"])).0, 423);
+}
+
+#[test]
+fn tables_of_commands_are_checked() {
+    let text = fs::read_to_string(scenario("swarm.toml")).unwrap();
+    let cases = [
+        ("at = \"2s\"", "do"),
+        ("do = [\"kill 3\"]", "at"),
+        ("at = \"2s\"\ndo = []", "number of commands"),
+        ("at = \"2s\"\ndo = [\"explode 3\"]", "`explode 3` is no fault"),
+        ("at = \"2s\"\ndo = [\"kill 4000\"]", "module 4000"),
+        ("at = \"2s\"\ndo = \"kill 3\"", "expected a list"),
+        ("at = \"2s\"\noperator = 70000\ndo = [\"kill 3\"]", "number of the operator"),
+        ("at = \"1000000s\"\ndo = [\"kill 3\"]", "1000000"),
+        ("at = \"2s\"\nby = 1\ndo = [\"kill 3\"]", "by"),
+    ];
+    for (table, part) in cases {
+        metamorph_tests::command::refused(
+            &format!("{text}\n[[command]]\n{table}\n"),
+            &["check", "{}"],
+            &[part],
+        );
+    }
+}

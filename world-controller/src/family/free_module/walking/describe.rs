@@ -1,0 +1,31 @@
+//! The description of a walking structure, for `metamorph check`.
+
+use super::{BODY, STRATEGY, Walk};
+use crate::console::escape::Shown;
+use crate::console::format::many;
+use metamorph_protocol::free_module::network::{Lags, Morphology};
+use metamorph_sim_bridge::free_module::rapier::ENGINE;
+use std::fmt::Write;
+
+/// Writes the description.
+pub fn describe(out: &mut String, walk: &Walk) -> std::fmt::Result {
+    let choice = &walk.choice;
+    let modules = choice.structure.bound();
+    let count = many(modules as u64, "free module");
+    writeln!(out, "  swarm     {count}, numbered 0 to {}, body {BODY}, {ENGINE}", modules - 1)?;
+    writeln!(out, "  start     {}, {} down, friction {}", walk.start.shown(), walk.down, walk.friction)?;
+    let morphology = Morphology::of(&choice.structure);
+    if let Ok(network) = morphology.network(choice.network) {
+        let oscillators = many(network.oscillators.len() as u64, "oscillator");
+        let parameters = many(network.parameters(Lags::Tree) as u64, "parameter");
+        writeln!(out, "  network   {}: {oscillators}, {parameters}", choice.network)?;
+    }
+    let goal = walk.goal;
+    writeln!(out, "  goal      walk for {} at {} mm/s at least", goal.time, goal.speed_mm_s)?;
+    let known = many(choice.known.len() as u64, "known gait");
+    let learner = match choice.method {
+        Some(method) => format!("then {method}, {} at most", many(choice.trials.into(), "gait")),
+        None => "none is learnt".to_owned(),
+    };
+    writeln!(out, "  protocol  {STRATEGY}: {known}, {learner}, {} each", walk.trial)
+}

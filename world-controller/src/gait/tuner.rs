@@ -1,0 +1,195 @@
+//! Gaits to try while a structure walks: known ones first, then those that a learner asks for.
+//!
+//! After a failure the network is made anew without the joints of dead modules. The first gaits to try are the one of a gait
+//! file for this failure, if there is one, and the former gait as far as its joints are left. The learner begins at the
+//! faster of them.
+
+use super::ask_tell::{Learner, Method, Point, Scored};
+use super::space::Space;
+use metamorph_protocol::free_module::network::NetworkKind;
+use metamorph_protocol::free_module::structure::Structure;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_sim_bridge::free_module::walking::tuner::{Gait, Tuner};
+use std::collections::{BTreeSet, VecDeque};
+use std::sync::Arc;
+
+/// A gait of a gait file.
+#[derive(Clone, Debug)]
+pub struct Known {
+    /// The modules that are dead.
+    pub dead: BTreeSet<ModuleId>,
+    /// The gait.
+    pub gait: Gait,
+    /// Its speed in mm/s when it was learnt.
+    pub speed_mm_s: f64,
+}
+
+/// What gaits are chosen by.
+#[derive(Clone, Debug)]
+pub struct Choice {
+    /// The structure, all of whose modules are active.
+    pub structure: Structure,
+    /// The network.
+    pub network: NetworkKind,
+    /// Known gaits; one of them is for no dead module.
+    pub known: Vec<Known>,
+    /// The learner; `None` to try known gaits only.
+    pub method: Option<Method>,
+    /// The number of gaits to try after a failure.
+    pub trials: u32,
+    /// The seed of the run.
+    pub seed: u64,
+}
+
+/// Learns while a structure walks.
+pub struct OnlineTuner {
+    choice: Arc<Choice>,
+    /// How often it has begun.
+    begun: u64,
+    tried: u32,
+    space: Option<Space>,
+    /// Gaits to try before the learner's.
+    first: VecDeque<Gait>,
+    /// The fastest of the gaits tried before the learner's.
+    best: Option<(f64, Gait)>,
+    /// The gait whose speed is awaited.
+    trying: Gait,
+    /// The speed of that gait when it was learnt.
+    expected: Option<f64>,
+    learner: Option<Round>,
+}
+
+/// A learner, and the points that it has asked for.
+struct Round {
+    learner: Box<dyn Learner + Send + Sync>,
+    asked: VecDeque<Point>,
+    results: Vec<Scored>,
+}
+
+impl Round {
+    fn next(&mut self) -> Option<Point> {
+        if self.asked.is_empty() {
+            if !self.results.is_empty() {
+                self.learner.tell(&std::mem::take(&mut self.results));
+            }
+            self.asked = self.learner.ask().into();
+        }
+        self.asked.pop_front()
+    }
+}
+
+impl OnlineTuner {
+    /// Creates a tuner that has not begun.
+    pub fn new(choice: Arc<Choice>) -> OnlineTuner {
+        OnlineTuner {
+            choice,
+            begun: 0,
+            tried: 0,
+            space: None,
+            first: VecDeque::new(),
+            best: None,
+            trying: Gait::new(),
+            expected: None,
+            learner: None,
+        }
+    }
+
+    /// Returns the next gait of the learner, which begins at the fastest gait so far.
+    fn learnt(&mut self) -> Option<Gait> {
+        let (space, method) = (self.space.as_ref()?, self.choice.method?);
+        let round = self.learner.get_or_insert_with(|| {
+            let start = self.best.as_ref().map(|(_, gait)| space.point(gait));
+            let seed = self.choice.seed.wrapping_mul(1_000).wrapping_add(self.begun);
+            let learner = method.learner(space.dimensions(), seed, start);
+            Round { learner, asked: VecDeque::new(), results: Vec::new() }
+        });
+        round.next().map(|point| space.gait(&point))
+    }
+}
+
+impl Tuner for OnlineTuner {
+    fn begin(&mut self, dead: &BTreeSet<ModuleId>, before: &Gait) -> Option<Gait> {
+        let Choice { structure, network, known, .. } = &*self.choice;
+        let mut structure = structure.clone();
+        dead.iter().for_each(|module| structure.set_passive(*module));
+        let space = Space::of(&structure, *network).ok()?;
+        let of_file = known.iter().find(|known| known.dead == *dead);
+        // With another network the former gait is what its joints have in common with the new one.
+        let former = (!before.is_empty()).then(|| space.gait(&space.point(before)));
+        self.first = of_file.map(|known| known.gait.clone()).into_iter().chain(former).collect();
+        self.expected = of_file.map(|known| known.speed_mm_s);
+        (self.begun, self.tried) = (self.begun + 1, 1);
+        (self.space, self.best, self.learner) = (Some(space), None, None);
+        self.trying = self.first.pop_front()?;
+        Some(self.trying.clone())
+    }
+
+    fn expected(&self) -> Option<f64> {
+        self.expected
+    }
+
+    fn tell(&mut self, speed_mm_s: f64) -> Option<Gait> {
+        self.expected = None;
+        match &mut self.learner {
+            Some(round) => round.results.push(Scored { fitness: speed_mm_s, behaviour: Vec::new() }),
+            None if self.best.as_ref().is_none_or(|(best, _)| speed_mm_s > *best) => {
+                self.best = Some((speed_mm_s, self.trying.clone()));
+            }
+            None => {}
+        }
+        if self.tried >= self.choice.trials {
+            return None;
+        }
+        let next = self.first.pop_front().or_else(|| self.learnt())?;
+        self.tried += 1;
+        self.trying = next;
+        Some(self.trying.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metamorph_protocol::free_module::named;
+
+    fn choice(method: Option<Method>) -> Arc<Choice> {
+        let structure = named::structure("quad5-sym").unwrap();
+        let space = Space::of(&structure, NetworkKind::BlfSym).unwrap();
+        let known = vec![Known { dead: BTreeSet::new(), gait: space.gait(&[0.2; 14]), speed_mm_s: 50.0 }];
+        Arc::new(Choice { structure, network: NetworkKind::BlfSym, known, method, trials: 30, seed: 1 })
+    }
+
+    /// The known gait comes first, then what is left of it, then the learner's, which comes closer to what is fast.
+    #[test]
+    fn known_gaits_come_first_and_the_learner_begins_there() {
+        let choice = choice(Some(Method::Cma));
+        let mut tuner = OnlineTuner::new(Arc::clone(&choice));
+        let intact = tuner.begin(&BTreeSet::new(), &Gait::new()).unwrap();
+        assert_eq!((&intact, tuner.expected()), (&choice.known[0].gait, Some(50.0)));
+        let dead = BTreeSet::from([ModuleId(2)]);
+        let mut passive = choice.structure.clone();
+        passive.set_passive(ModuleId(2));
+        let space = Space::of(&passive, NetworkKind::BlfSym).unwrap();
+        let mut gait = tuner.begin(&dead, &intact).unwrap();
+        assert_eq!(tuner.expected(), None);
+        assert!(gait.keys().eq(space.oscillators()) && gait.iter().all(|(j, p)| intact[j] == *p));
+        let speed = |gait: &Gait| -space.point(gait).iter().map(|x| (x - 0.5) * (x - 0.5)).sum::<f64>();
+        let (first, mut best, mut tried) = (speed(&gait), f64::MIN, 1);
+        while let Some(next) = tuner.tell(speed(&gait)) {
+            gait = next;
+            best = best.max(speed(&gait));
+            tried += 1;
+        }
+        assert_eq!(tried, 30);
+        assert!(best > first, "{best} {first}");
+        assert!(tuner.begin(&(0..5).map(ModuleId).collect(), &gait).is_none());
+    }
+
+    #[test]
+    fn without_a_learner_known_gaits_are_all() {
+        let mut tuner = OnlineTuner::new(choice(None));
+        let intact = tuner.begin(&BTreeSet::new(), &Gait::new()).unwrap();
+        assert!(tuner.tell(1.0).is_none());
+        assert!(tuner.begin(&BTreeSet::from([ModuleId(0)]), &intact).is_some() && tuner.tell(1.0).is_none());
+    }
+}

@@ -1,0 +1,162 @@
+//! The beginning of a scene: what is known of a run before it begins.
+//!
+//! The layout is private to the page; [`VERSION`] is for pages left open in a browser.
+
+use super::bodies::ShownSwarm;
+use super::parts::{Part, Shape};
+use super::visible::{Floor, Stage, Targets, Words};
+use crate::scenario::{LinkChange, Plan};
+use metamorph_protocol::counters::Class;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::link::Partition;
+use metamorph_protocol::time::Time;
+use serde::Serialize;
+use serde_json::{Value, json};
+use std::collections::HashSet;
+
+/// Version of the layout; raised on every change.
+const VERSION: u32 = 3;
+
+/// What a scene says of a run as a whole.
+#[derive(Clone, Debug)]
+pub struct Heading {
+    /// The title.
+    pub title: String,
+    /// The description, if any.
+    pub description: Option<String>,
+    /// The seed; `None` if nothing is drawn.
+    pub seed: Option<u64>,
+    /// The name of the link; [`PLANNED`] if nothing runs.
+    pub link: &'static str,
+    /// The command that repeats it.
+    pub repeat: String,
+    /// The names of the goals.
+    pub goals: Vec<String>,
+    /// The partitions.
+    pub partitions: Vec<Partition>,
+    /// Beginnings and ends of partitions, by time.
+    pub changes: Vec<LinkChange>,
+}
+
+/// In place of the name of a link: a plan that is shown without a run.
+pub const PLANNED: &str = "plan";
+
+impl Heading {
+    /// Returns the heading of a run of this plan.
+    pub fn of(plan: &Plan) -> Heading {
+        Heading {
+            title: plan.title(),
+            description: plan.description.as_ref().map(|d| d.trim().to_owned()),
+            seed: Some(plan.seed),
+            link: plan.overrides.link.name(),
+            repeat: plan.repeat_with(),
+            goals: plan.stages.iter().map(|s| s.name.clone()).collect(),
+            partitions: plan.link.partitions.clone(),
+            changes: plan.link_changes(),
+        }
+    }
+}
+
+/// The beginning of a run.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Beginning {
+    version: u32,
+    title: String,
+    description: Option<String>,
+    words: &'static Words,
+    seed: Option<u64>,
+    link: &'static str,
+    repeat: String,
+    classes: Vec<&'static str>,
+    pub(super) time_step: u64,
+    /// The shapes of all parts.
+    shapes: Vec<Shape>,
+    /// Of each body a description of its place, and its parts.
+    pub(super) start: Vec<Value>,
+    /// The cell of the first part of each body.
+    #[serde(skip)]
+    pub(super) cells: Vec<Option<Cell>>,
+    /// The goals in order.
+    pub(super) goals: Vec<Goal>,
+    #[serde(skip)]
+    pub(super) targets: Targets,
+    floor: Option<Floor>,
+    /// Partitions: the modules cut off from the others, and the beginning and end.
+    partitions: Vec<(Vec<u32>, u64, u64)>,
+    /// True if messages between modules are recorded.
+    messages: bool,
+}
+
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Goal {
+    name: String,
+    /// The cells with their levels.
+    pub(super) cells: Vec<(i16, i16, i16, u16)>,
+    #[serde(skip)]
+    pub(super) set: HashSet<Cell>,
+}
+
+impl Goal {
+    fn new(name: String, cells: Vec<(i16, i16, i16, u16)>) -> Goal {
+        let set = cells.iter().map(|(x, y, z, _)| Cell::new(*x, *y, *z)).collect();
+        Goal { name, cells, set }
+    }
+}
+
+/// Returns a time in the unit of the page.
+pub(super) fn micros(t: Time) -> u64 {
+    t.0 / 1_000
+}
+
+impl Beginning {
+    /// Returns the beginning of a run. `messages` is true if messages will be recorded.
+    pub(super) fn of(heading: &Heading, swarm: &dyn ShownSwarm, messages: bool) -> Beginning {
+        let Stage { time_step, goals, targets, floor } = swarm.stage();
+        let bodies = swarm.start();
+        let mut shapes = Vec::new();
+        let start = bodies.iter().map(|(parts, whereabouts)| started(parts, whereabouts, &mut shapes));
+        let names = heading.goals.iter().cloned();
+        let cut = |p: &Partition| (p.side.iter().map(|id| id.0).collect(), micros(p.from), micros(p.until));
+        Beginning {
+            version: VERSION,
+            title: heading.title.clone(),
+            description: heading.description.clone(),
+            words: swarm.words(),
+            seed: heading.seed,
+            link: heading.link,
+            repeat: heading.repeat.clone(),
+            classes: Class::ALL.into_iter().map(Class::name).collect(),
+            time_step: time_step.0 / 1_000,
+            start: start.collect(),
+            shapes,
+            cells: bodies.iter().map(|(parts, _)| parts.first().map(Part::cell)).collect(),
+            goals: names.zip(goals).map(|(name, cells)| Goal::new(name, cells)).collect(),
+            targets,
+            floor,
+            partitions: heading.partitions.iter().map(cut).collect(),
+            messages,
+        }
+    }
+}
+
+/// Returns a body at the start as a JSON array: a description of its place, and for each part an array of the
+/// number of its shape, its tone, its centre, and its rotation unless that is the identity. New shapes are added
+/// to `shapes`.
+fn started(parts: &[Part], whereabouts: &str, shapes: &mut Vec<Shape>) -> Value {
+    let mut told = vec![json!(whereabouts)];
+    for part in parts {
+        let shape = shapes.iter().position(|known| *known == part.shape).unwrap_or_else(|| {
+            shapes.push(part.shape);
+            shapes.len() - 1
+        });
+        let [x, y, z] = part.centre().into();
+        let turned: &[f64] = match part.pose.rotation.coords.as_slice() {
+            [0.0, 0.0, 0.0, _] => &[],
+            turned => turned,
+        };
+        let mut numbers = vec![json!(shape), json!(part.tone as u8), json!(x), json!(y), json!(z)];
+        numbers.extend(turned.iter().map(|q| json!(q)));
+        told.push(numbers.into());
+    }
+    told.into()
+}
