@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import subprocess
 from collections import Counter
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 from metamorph import _program
 
 ROOT = Path(__file__).resolve().parents[3]
-EXAMPLES = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "neighbours.md").read_text(), re.DOTALL)
+EXAMPLES = re.findall(r"```(?:python|cpp)\n(.*?)```", (ROOT / "docs" / "neighbours.md").read_text(), re.DOTALL)
 
 
 def export(directory: Path, *words: str) -> None:
@@ -59,3 +60,23 @@ def test_a_structure_is_read_as_urdf(
     monkeypatch.chdir(tmp_path)
     exec(compile(example("yourdfpy"), "neighbours.md", "exec"), {})
     assert capsys.readouterr().out.startswith("43 ")
+
+
+def test_the_parser_of_gazebo_reads_the_structure(tmp_path: Path) -> None:
+    package = ["pkg-config", "--cflags", "--libs", "sdformat12"]
+    if not shutil.which("pkg-config") or subprocess.run(package, capture_output=True).returncode:
+        pytest.skip("libsdformat-dev is not installed")
+    flags = subprocess.run(package, check=True, capture_output=True, text=True).stdout.split()
+    export(tmp_path, "--sdf", "end.sdf", "--mass", "0.2")
+    (tmp_path / "read.cpp").write_text(example("sdf::Root"))
+    subprocess.run(["c++", "-std=c++17", "read.cpp", *flags, "-o", "read"], check=True, cwd=tmp_path)
+    said = subprocess.run(["./read"], check=True, cwd=tmp_path, capture_output=True, text=True).stdout
+    assert said == "1 models, 42 boxes, 8.4 kg\n"
+
+
+def test_the_parser_of_ros_reads_the_structure(tmp_path: Path) -> None:
+    if not shutil.which("check_urdf"):
+        pytest.skip("liburdfdom-tools is not installed")
+    export(tmp_path, "--at", "50%", "--urdf", "half.urdf")
+    said = subprocess.run(["check_urdf", "half.urdf"], check=True, cwd=tmp_path, capture_output=True, text=True).stdout
+    assert "Successfully Parsed XML" in said and len(re.findall(r"child\(\d+\)", said)) == 42
