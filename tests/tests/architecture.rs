@@ -167,6 +167,7 @@ const LAYERS: [(&str, &[&str]); 4] = [
             "structure",
             "experiments",
             "learn",
+            "pointing",
             "cli",
         ],
     ),

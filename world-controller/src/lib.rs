@@ -7,7 +7,8 @@
 //! recordings for other viewers; `run` carries out one run, simulated, on processes or from a journal;
 //! `family` holds what belongs to one family of modules, and the list of them; `plan` plans for free modules;
 //! `gait` has gait files and learners; `structure` analyses their body and limbs;
-//! `experiments` carries out many runs; `learn` learns gaits; `cli` is the command line.
+//! `experiments` carries out many runs; `learn` learns gaits; `pointing` finds the tile that a
+//! person points at; `cli` is the command line.
 //!
 //! Absent: decisions of the protocol, which are in `protocol`, and ground truth about the world, which
 //! is in `sim-bridge`.
@@ -20,6 +21,7 @@ pub mod family;
 pub mod gait;
 pub mod learn;
 pub mod plan;
+pub mod pointing;
 pub mod record;
 pub mod report;
 pub mod run;

@@ -26,6 +26,7 @@ use crate::family::metamodule::robot::{self, RobotArgs};
 use crate::family::{self, families};
 use crate::learn::{self, LearnArgs};
 use crate::plan::{self, PlanArgs as ReconfigurationArgs};
+use crate::pointing::{self, PointArgs};
 use crate::record::journal::JournalError;
 use crate::run::processes;
 use crate::run::replay;
@@ -88,6 +89,9 @@ pub enum Command {
     /// Learn a gait of a structure in simulation, with bodies
     #[command(after_help = learn::EXAMPLES)]
     Learn(Box<LearnArgs>),
+    /// Find the floor tile that a tracked person points at
+    #[command(after_help = pointing::EXAMPLES)]
+    Point(PointArgs),
     /// Generate random scenarios, run them, and shrink failures
     #[command(after_help = EXPLORE_EXAMPLES)]
     Explore(ExploreArgs),
@@ -173,6 +177,10 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
         }
         Command::Structure(args) => Ok(structure::structure(&args)?),
         Command::Learn(args) => Ok(learn::learn(&args, interrupt)?),
+        Command::Point(args) => {
+            pointing::point(&args)?;
+            Ok(0)
+        }
         Command::Explore(args) => Ok(explore(&args.into())?),
         Command::Bench(args) => Ok(bench::bench(&args.into())?),
         Command::Doctor(args) => Ok(doctor(&args)),
