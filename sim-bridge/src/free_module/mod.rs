@@ -3,6 +3,8 @@
 
 pub mod audit;
 pub mod director;
+mod falls;
+mod floor;
 pub mod hull;
 pub mod members;
 pub mod physics;

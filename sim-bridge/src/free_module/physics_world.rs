@@ -4,6 +4,7 @@
 //! the joints stay where they are. So do those of a module whose process has died: its connections hold, too.
 
 use super::audit;
+use super::falls::{self, Falls};
 use super::physics::{Physics, TICK};
 use super::structure_world::StructureWorld;
 use crate::kernel::audited::{Agents, Audited};
@@ -22,7 +23,7 @@ use std::hash::Hasher;
 
 /// The depth of an overlap of two modules in metres from which it is a self-collision.
 pub const COLLISION: f32 = 0.002;
-/// Ticks between two looks at which modules touch the floor.
+/// Ticks between two looks at which modules touch the floor, and at whether the structure has fallen.
 const CONTACT_PERIOD: u64 = 10;
 /// The time between two poses that bodies tell, if they do.
 pub const POSE_PERIOD: Span = Span::millis(100);
@@ -45,6 +46,7 @@ pub struct PhysicsWorld<P> {
     told: bool,
     /// How often each module was seen on the floor, and the number of looks.
     on_floor: (Vec<u32>, u32),
+    falls: Falls,
     /// The pose of each module that it told last, and the one before, if bodies tell theirs.
     poses: Option<Vec<[Pose; 2]>>,
     sensed: VecDeque<(ModuleId, Sensed<Pose>)>,
@@ -55,6 +57,7 @@ impl<P: Physics> PhysicsWorld<P> {
     pub fn new(structure: Structure, physics: P) -> PhysicsWorld<P> {
         let bound = structure.bound();
         let angles = (0..JOINTS * bound as u16).map(|j| physics.angle(Joint(j))).collect();
+        let falls = Falls::new(&structure, |module, h| falls::up(&physics.pose(module, h)));
         PhysicsWorld {
             connections: StructureWorld::new(structure),
             physics,
@@ -66,6 +69,7 @@ impl<P: Physics> PhysicsWorld<P> {
             broken: None,
             told: false,
             on_floor: (vec![0; bound], 0),
+            falls,
             poses: None,
             sensed: VecDeque::new(),
         }
@@ -128,6 +132,10 @@ impl<P: Physics> PhysicsWorld<P> {
         let (seen, looks) = &self.on_floor;
         seen.iter().map(|n| f64::from(*n) / f64::from((*looks).max(1))).collect()
     }
+    /// Returns how often the body turned upside down.
+    pub fn falls(&self) -> u32 {
+        self.falls.count()
+    }
     /// Sets the targets of all motors for a tick.
     fn command(&mut self) {
         for (m, command) in self.commands.iter_mut().enumerate() {
@@ -158,6 +166,8 @@ impl<P: Physics> PhysicsWorld<P> {
             self.collided = Some(self.tick);
         }
         if self.tick.0.is_multiple_of(CONTACT_PERIOD * TICK.0) {
+            let physics = &self.physics;
+            self.falls.look(|module, h| falls::up(&physics.pose(module, h)));
             let (seen, looks) = &mut self.on_floor;
             *looks += 1;
             for (m, seen) in seen.iter_mut().enumerate() {

@@ -2,6 +2,7 @@
 //!
 //! The engine is built with `enhanced-determinism`, so that the same calls give the same bits on every machine.
 
+use super::floor::FloorContacts;
 use super::hull;
 use super::physics::{Down, HEMISPHERES, NO_LOAD, Physics, PhysicsError, Placed, SERVO_GAIN, TICK, TORQUE};
 use metamorph_protocol::free_module::geometry::place;
@@ -9,15 +10,17 @@ use metamorph_protocol::free_module::structure::{JOINTS, Joint, Structure};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::roombots::chain::{self, Chain};
 use metamorph_protocol::roombots::{CELL_METRES, HEMISPHERE_MASS, Kind};
+use rapier3d::parry::query::{DefaultQueryDispatcher, QueryDispatcher};
 use rapier3d::prelude::{
     ColliderBuilder, ColliderHandle, JointAxis, MultibodyJointHandle, PhysicsWorld, Pose,
-    RevoluteJointBuilder, RigidBodyBuilder, RigidBodyHandle, Rotation, Vector,
+    RevoluteJointBuilder, RigidBodyBuilder, RigidBodyHandle, Rotation, SharedShape, Vector,
 };
 use std::collections::BTreeMap;
 use std::hash::Hasher;
 
-/// The name and version of the engine, as gait files have them. Another version moves bodies differently.
-pub const ENGINE: &str = "rapier3d 0.36.1";
+/// The name and version of the engine, and the number of how bodies are made for it, as gait files have them. With another
+/// one, bodies move differently.
+pub const ENGINE: &str = "rapier3d 0.36.1, bodies 2";
 /// Substeps of a tick. Each computes the mass matrix of the multibody anew, which is most of the time.
 const SUBSTEPS: usize = 1;
 /// Sweeps over all contacts and motors in a substep. With one sweep, as the engine has it, a structure at rest creeps.
@@ -86,7 +89,8 @@ impl Bodies {
         // Depths of contacts are measured, so they must not be those of an earlier tick.
         parameters.contact_recycling = false;
         parameters.max_ccd_substeps = 0;
-        let ground = ColliderBuilder::cuboid(100.0, 100.0, 1.0).translation(Vector::new(0.0, 0.0, -1.0));
+        world.narrow_phase.set_query_dispatcher(FloorContacts.chain(DefaultQueryDispatcher));
+        let ground = ColliderBuilder::new(SharedShape::halfspace(Vector::Z));
         let floor = world.insert_collider(ground.friction(friction), None);
         let halves = insert_halves(&mut world, structure, &start, friction);
         let mut bodies = Bodies { world, halves, motors: BTreeMap::new(), floor };
@@ -101,6 +105,32 @@ impl Bodies {
             let up = body.translation() + Vector::new(0.0, 0.0, height);
             body.set_translation(up, true);
         }
+    }
+
+    /// Returns all contacts with the floor: the hemisphere, the normal of the floor, and the height of the point in metres.
+    #[cfg(test)]
+    pub(super) fn floor_contacts(&self) -> Vec<(usize, [f32; 3], f32)> {
+        let pairs = self.world.contact_pairs_with(self.floor);
+        let contacts = pairs.flat_map(|pair| {
+            let (other, sign) =
+                if pair.collider1 == self.floor { (pair.collider2, 1.0) } else { (pair.collider1, -1.0) };
+            let hemisphere = self.world.colliders[other].user_data as usize;
+            pair.manifolds().iter().flat_map(move |manifold| {
+                let normal = (manifold.data.normal * sign).to_array();
+                manifold.points.iter().map(move |point| (hemisphere, normal, point.dist))
+            })
+        });
+        contacts.collect()
+    }
+
+    /// Returns the height in metres of the lowest point of the hull of a hemisphere.
+    #[cfg(test)]
+    pub(super) fn lowest(&self, hemisphere: usize) -> f32 {
+        let half = &self.halves[hemisphere];
+        let pose = *self.world.bodies[half.body].position() * half.at;
+        let heights =
+            hull::points(hemisphere).into_iter().map(|p| pose.transform_point(Vector::from_array(p)).z);
+        heights.fold(f32::MAX, f32::min)
     }
 
     /// Joins the bodies from the first module on.

@@ -54,6 +54,8 @@ pub struct Outcome {
     pub collided: bool,
     /// True if an invariant was violated; the trial ends there, too.
     pub broken: bool,
+    /// How often the body turned upside down.
+    pub falls: u32,
     /// The share of time that each module has touched the floor.
     pub duty: Vec<f64>,
     /// The hash of the bodies and agents at the end.
@@ -113,6 +115,7 @@ impl Course {
             seconds: now.since(start).as_secs_f64(),
             collided: world.collided().is_some(),
             broken,
+            falls: world.falls(),
             duty: world.duty(),
             state: run.hashes().states,
         })

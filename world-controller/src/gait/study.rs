@@ -48,6 +48,9 @@ pub struct Trial {
     pub collided: bool,
     /// True if an invariant of the bodies was violated; the fitness is 0 then.
     pub broken: bool,
+    /// True if the body turned upside down. Older files do not say so.
+    #[serde(default)]
+    pub fell: bool,
     /// The share of time that each module has touched the floor, with the first friction.
     pub duty: Vec<f64>,
 }
@@ -91,8 +94,8 @@ impl Study {
         let fitness_mm_s = outcomes.iter().map(|(speed, _)| *speed).fold(f64::INFINITY, f64::min);
         let any = |of: fn(&Outcome) -> bool| outcomes.iter().any(|(_, outcome)| of(outcome));
         let duty = outcomes.first().map(|(_, outcome)| outcome.duty.clone()).unwrap_or_default();
-        let (collided, broken) = (any(|o| o.collided), any(|o| o.broken));
-        Ok(Trial { parameters: point, fitness_mm_s, collided, broken, duty })
+        let (collided, broken, fell) = (any(|o| o.collided), any(|o| o.broken), any(|o| o.falls > 0));
+        Ok(Trial { parameters: point, fitness_mm_s, collided, broken, fell, duty })
     }
 
     /// Tries gaits on several threads. Returns them in order; fewer if interrupted.

@@ -2,7 +2,7 @@
 //!
 //! After a failure the network is made anew without the joints of dead modules. The first gaits to try are the one of a gait
 //! file for this failure, if there is one, and the former gait as far as its joints are left. The learner begins at the
-//! faster of them.
+//! faster of them, or in the middle of the space if that one is of no use any more.
 
 use super::ask_tell::{Learner, Method, Point, Scored};
 use super::space::Space;
@@ -12,6 +12,9 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_sim_bridge::free_module::walking::tuner::{Gait, Tuner};
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
+
+/// The share of the speed of the whole structure below which a gait is of no use: what is near it is slow, too.
+const USELESS: f64 = 0.2;
 
 /// A gait of a gait file.
 #[derive(Clone, Debug)]
@@ -46,6 +49,8 @@ pub struct OnlineTuner {
     choice: Arc<Choice>,
     /// How often it has begun.
     begun: u64,
+    /// The speed of the first gait of the run.
+    whole: Option<f64>,
     tried: u32,
     space: Option<Space>,
     /// Gaits to try before the learner's.
@@ -84,6 +89,7 @@ impl OnlineTuner {
         OnlineTuner {
             choice,
             begun: 0,
+            whole: None,
             tried: 0,
             space: None,
             first: VecDeque::new(),
@@ -94,11 +100,13 @@ impl OnlineTuner {
         }
     }
 
-    /// Returns the next gait of the learner, which begins at the fastest gait so far.
+    /// Returns the next gait of the learner, which begins at the fastest gait so far unless that one is of no use.
     fn learnt(&mut self) -> Option<Gait> {
         let (space, method) = (self.space.as_ref()?, self.choice.method?);
+        let least = USELESS * self.whole.unwrap_or(0.0);
         let round = self.learner.get_or_insert_with(|| {
-            let start = self.best.as_ref().map(|(_, gait)| space.point(gait));
+            let useful = self.best.as_ref().filter(|(speed, _)| *speed >= least);
+            let start = useful.map(|(_, gait)| space.point(gait));
             let seed = self.choice.seed.wrapping_mul(1_000).wrapping_add(self.begun);
             let learner = method.learner(space.dimensions(), seed, start);
             Round { learner, asked: VecDeque::new(), results: Vec::new() }
@@ -130,6 +138,7 @@ impl Tuner for OnlineTuner {
 
     fn tell(&mut self, speed_mm_s: f64) -> Option<Gait> {
         self.expected = None;
+        self.whole.get_or_insert(speed_mm_s);
         match &mut self.learner {
             Some(round) => round.results.push(Scored { fitness: speed_mm_s, behaviour: Vec::new() }),
             None if self.best.as_ref().is_none_or(|(best, _)| speed_mm_s > *best) => {
@@ -183,6 +192,35 @@ mod tests {
         assert_eq!(tried, 30);
         assert!(best > first, "{best} {first}");
         assert!(tuner.begin(&(0..5).map(ModuleId).collect(), &gait).is_none());
+    }
+
+    /// Returns the mean distance from a point of the first gaits that the learner asks for after a death, if the former gait
+    /// had this speed.
+    fn distance_of_first_gaits(from: &[f64], former: f64) -> f64 {
+        let choice = choice(Some(Method::Cma));
+        let mut tuner = OnlineTuner::new(Arc::clone(&choice));
+        let intact = tuner.begin(&BTreeSet::new(), &Gait::new()).unwrap();
+        assert!(tuner.tell(50.0).is_some());
+        let mut passive = choice.structure.clone();
+        passive.set_passive(ModuleId(2));
+        let space = Space::of(&passive, NetworkKind::BlfSym).unwrap();
+        tuner.begin(&BTreeSet::from([ModuleId(2)]), &intact).unwrap();
+        let from = &from[..space.dimensions()];
+        let distance = |gait: Gait| {
+            let point = space.point(&gait);
+            point.iter().zip(from).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
+        };
+        (0..8).map(|_| distance(tuner.tell(former).unwrap())).sum::<f64>() / 8.0
+    }
+
+    /// A gait that is of no use after a failure does not hold the learner near it.
+    #[test]
+    fn the_learner_begins_in_the_middle_if_the_former_gait_is_useless() {
+        let (old, middle) = ([0.2; 14], [0.5; 14]);
+        let of = |former| [&old, &middle].map(|from| distance_of_first_gaits(from, former));
+        let ([old_if_useful, middle_if_useful], [old_if_not, middle_if_not]) = (of(20.0), of(5.0));
+        assert!(old_if_useful < middle_if_useful, "{old_if_useful} {middle_if_useful}");
+        assert!(middle_if_not < old_if_not, "{middle_if_not} {old_if_not}");
     }
 
     #[test]

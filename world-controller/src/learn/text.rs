@@ -43,8 +43,8 @@ pub fn text(study: &Study, file: &GaitFile, paint: Paint) -> String {
     let mut after: Vec<usize> = AFTER.into_iter().filter(|n| *n < longest).collect();
     after.push(longest);
     let mut table = Table::new(&["best in mm/s after"]);
-    let head: Vec<String> =
-        after.iter().map(usize::to_string).chain(["collided".into(), "broken".into()]).collect();
+    let shares = ["collided", "fell", "broken"].map(str::to_owned);
+    let head: Vec<String> = after.iter().map(usize::to_string).chain(shares).collect();
     table.head(&head.iter().map(String::as_str).collect::<Vec<_>>());
     let mut columns: Vec<Vec<f64>> = vec![Vec::new(); after.len()];
     for run in &file.runs {
@@ -58,6 +58,7 @@ pub fn text(study: &Study, file: &GaitFile, paint: Paint) -> String {
             column.extend(there.then(|| best(*n)));
         }
         cells.push(share(run.trials.iter().filter(|t| t.collided).count()));
+        cells.push(share(run.trials.iter().filter(|t| t.fell).count()));
         cells.push(share(run.trials.iter().filter(|t| t.broken).count()));
         table.row(&[format!("seed {}", run.seed)], cells);
     }

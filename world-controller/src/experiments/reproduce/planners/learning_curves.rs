@@ -38,6 +38,7 @@ struct Curves {
     best: Vec<Vec<f64>>,
     trials: usize,
     collided: usize,
+    fell: usize,
     all: usize,
 }
 
@@ -55,7 +56,8 @@ impl Curves {
             .map(|run| run.trials.iter().take(trials).map(|t| t.fitness_mm_s).scan(0.0, rising).collect());
         let tried = || file.runs.iter().flat_map(|run| &run.trials);
         let collided = tried().filter(|t| t.collided).count();
-        Some(Curves { kind, best: best.collect(), trials, collided, all: tried().count() })
+        let fell = tried().filter(|t| t.fell).count();
+        Some(Curves { kind, best: best.collect(), trials, collided, fell, all: tried().count() })
     }
     /// Returns the best speed of each run after a number of trials, from 1.
     fn after(&self, trials: usize) -> Vec<f64> {
@@ -69,9 +71,9 @@ impl Curves {
     fn text(&self) -> String {
         let listed = LISTED.iter().filter(|n| **n <= self.trials);
         let speeds: Vec<String> = listed.map(|n| format!("{:.0} after {n}", self.median_after(*n))).collect();
-        let collided = 100.0 * self.collided as f64 / self.all.max(1) as f64;
-        let runs = self.best.len();
-        format!("{} mm/s (median of {runs} runs); {collided:.0} % of gaits collide", speeds.join(", "))
+        let [collided, fell] = [self.collided, self.fell].map(|n| 100.0 * n as f64 / self.all.max(1) as f64);
+        let (runs, speeds) = (self.best.len(), speeds.join(", "));
+        format!("{speeds} mm/s (median of {runs} runs); {collided:.0} % of gaits collide, {fell:.0} % fall")
     }
 }
 
@@ -113,7 +115,14 @@ mod tests {
     use super::*;
 
     fn curves(kind: NetworkKind, speeds: &[[f64; 3]]) -> Curves {
-        Curves { kind, best: speeds.iter().map(|s| s.to_vec()).collect(), trials: 3, collided: 1, all: 12 }
+        Curves {
+            kind,
+            best: speeds.iter().map(|s| s.to_vec()).collect(),
+            trials: 3,
+            collided: 1,
+            fell: 2,
+            all: 12,
+        }
     }
 
     #[test]
@@ -127,6 +136,6 @@ mod tests {
         assert!(found.starts_with("trial 2 of 3 (p = 0.000") && found.ends_with("blf is faster"), "{found}");
         assert_eq!(compared(&low, &low), "none of 3 trials");
         assert!((low.median_after(2) - 1.035).abs() < 1e-9);
-        assert!(low.text().ends_with("8 % of gaits collide"), "{}", low.text());
+        assert!(low.text().ends_with("8 % of gaits collide, 17 % fall"), "{}", low.text());
     }
 }

@@ -24,6 +24,8 @@ pub struct WalkReport {
     pub speed_mm_s: f64,
     /// The time of the latest self-collision; null if there was none.
     pub collided_s: Option<f64>,
+    /// How often the body turned upside down.
+    pub falls: u32,
     /// What was done after each change of the structure.
     pub situations: Vec<SituationReport>,
 }
@@ -49,11 +51,12 @@ pub struct SituationReport {
 pub fn part(report: &WalkReport) -> FamilyPart {
     let metres = |mm: f64| format!("{:.2} m", mm / 1000.0);
     let walk = format!(
-        "{} away in {:.0} s ({:.1} mm/s), on a path of {}",
+        "{} away in {:.0} s ({:.1} mm/s), on a path of {}{}",
         metres(report.distance_mm),
         report.walked_s,
         report.speed_mm_s,
-        metres(report.path_mm)
+        metres(report.path_mm),
+        if report.falls > 0 { format!(", {}", many(report.falls.into(), "fall")) } else { String::new() }
     );
     let mut moves = vec![("walk", walk.clone())];
     for s in &report.situations {

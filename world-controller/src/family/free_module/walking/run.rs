@@ -72,6 +72,7 @@ impl Runnable for Walk {
             path_mm,
             speed_mm_s: if time > Span::ZERO { distance_mm / time.as_secs_f64() } else { 0.0 },
             collided_s: world.collided().map(Time::as_secs_f64),
+            falls: world.falls(),
             situations: director.situations().iter().map(situation).collect(),
         };
         RunResult {
