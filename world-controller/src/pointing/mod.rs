@@ -44,8 +44,8 @@ const MAX_TRIES: u64 = 1_000_000;
 /// Arguments of `point`.
 #[derive(Debug, Args)]
 pub struct PointArgs {
-    /// Simulate tries with this standard deviation of each tracked coordinate, such as 20mm, instead of
-    /// reading samples
+    /// Simulate tries with this standard deviation of each tracked coordinate, such as 20mm; default: none,
+    /// samples are read from standard input
     #[arg(long, value_name = "LENGTH", value_parser = length)]
     pub noise: Option<f64>,
     /// Distance on the floor from the person to the tile

@@ -82,7 +82,7 @@ impl Track {
             return Err(SampleError::Value("t", t));
         }
         for (name, position) in [("head", head), ("hand", hand)] {
-            if let Some(x) = position.into_iter().find(|x| !(x.abs() < FARTHEST)) {
+            if let Some(x) = position.into_iter().find(|x| x.is_nan() || x.abs() >= FARTHEST) {
                 return Err(SampleError::Value(name, x));
             }
         }
