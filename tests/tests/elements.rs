@@ -33,7 +33,12 @@ fn is_built_or_pinned(ran: &Ran, about: &str) -> bool {
             true
         }
         Some(3) => {
-            // A dead body in a seed, or where the plate has to pass, stays there too.
+            // A dead body in a seed, or where the plate has to pass, stays there too. What blocks is named.
+            let reason = report.unbuilt.as_ref().map(|u| u.reason.as_str()).unwrap_or_default();
+            let named = ["element-pinned", "element-blocked", "seed-blocked", "material-exhausted"];
+            assert!(named.contains(&reason), "{about}: {reason}: {ran:?}");
+            // What blocks is named as well where another reason comes first.
+            assert!(reason != "element-blocked" || !elements.blocked.is_empty(), "{about}: {elements:?}");
             let is_pinned = ran.out.contains("element-pinned");
             assert_eq!(elements.pinned.len(), usize::from(is_pinned), "{about}: {ran:?}");
             assert_eq!(elements.placed + elements.on_the_way + elements.pinned.len() as u64, 1, "{about}");
@@ -73,6 +78,31 @@ fn the_plate_never_falls_when_metamodules_die() {
         }
     }
     assert!(built > 0 && pinned > 0, "{built} built, {pinned} pinned");
+}
+
+/// A dead metamodule lies where the plate has to pass: the run ends with its name, and the holder has put the plate back.
+#[test]
+fn what_is_in_the_way_of_the_plate_is_named() {
+    let ran = simulated(&["--kill", "4@35s"]);
+    if !is_built_or_pinned(&ran, "4@35s") {
+        let elements = elements(&report(&ran.out));
+        assert!(elements.blocked.iter().all(|b| b.element == "top" && b.by == [4]), "{elements:?}");
+        assert!(!elements.blocked.is_empty(), "{ran:?}");
+    }
+}
+
+/// Grips that fail, lost messages and drawn starts: the cube is held in the air in the end.
+#[test]
+fn a_cube_is_carried_in_all_of_a_few_runs() {
+    let scenario = scenario("carry-cube.toml").display().to_string();
+    for seed in ["0", "1", "2"] {
+        let options =
+            ["--link", "sim", "--seed", seed, "--loss", "5%", "--set", "swarm.failed_connections=5%"];
+        let ran = run(&[&["run", &scenario, "--json", "-"], &options[..]].concat());
+        assert_eq!(ran.code, Some(0), "{seed}: {ran:?}");
+        let report = report(&ran.out);
+        assert_eq!((report.invariants.broken, elements(&report).placed), (0, 1), "{seed}: {ran:?}");
+    }
 }
 
 #[test]

@@ -7,7 +7,7 @@ use metamorph_protocol::coverage::CoveragePoint;
 use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::defects::Defect;
 use metamorph_tests::command::{root, run as metamorph};
-use metamorph_world_controller::experiments::explore::draw::draw;
+use metamorph_world_controller::experiments::explore::draw::{Drawn, draw};
 use metamorph_world_controller::experiments::explore::generated_scenario::GeneratedScenario;
 use metamorph_world_controller::experiments::explore::verdict::{Failure, Kind, Verdict};
 use metamorph_world_controller::experiments::explore::{Ran, make_small, run};
@@ -264,4 +264,16 @@ fn one_run_shows_its_scenario() {
     assert!(ran.out.contains(&draft.to_string()), "{ran:?}");
     let ran = metamorph(&["explore", "--runs", "1", "--seconds", "1"]);
     assert_eq!(ran.code, Some(2), "{ran:?}");
+}
+
+/// Swarms with elements: no invariant breaks, whatever strikes, and every run that is not built has a reason.
+#[test]
+fn swarms_with_elements_are_explored() {
+    let directory = tempfile::tempdir().unwrap();
+    let out = directory.path().join("explored").display().to_string();
+    let ran = metamorph(&["explore", "--elements", "--runs", "6", "--seed", "1", "--out", &out]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    let (draft, plan) = draw(1, Drawn { family: None, elements: true });
+    assert!(draft.to_string().contains("[[swarm.element]]"), "{draft}");
+    assert_eq!(plan.swarm.family(), METAMODULE.name());
 }

@@ -62,9 +62,7 @@ impl LoadTable {
     /// Computes the loads of a carry table, where gravity points to `gravity` in the foot frame. Outer joints are
     /// sampled every 7.5°, middle joints likewise.
     pub fn new(table: &Table, carry: &CarryTable, gravity: Face) -> LoadTable {
-        let centres = &carry.grip().centres;
-        let sum = centres.iter().fold([0i32; 3], |s, c| [0, 1, 2].map(|i| s[i] + i32::from(c[i])));
-        let centre = Vector3::from(sum.map(|x| f64::from(x) / (2 * centres.len()) as f64));
+        let centre = centre_of_mass(carry);
         let down = Vector3::from(<[i16; 3]>::from(gravity.offset()).map(f64::from));
         let of_step = |step: &super::carry::CarryStep| {
             let mut q = table.postures()[usize::from(step.from)].posture.radians();
@@ -99,6 +97,28 @@ impl LoadTable {
         };
         Peak { outer: highest(outer), middle: highest(middle) }
     }
+}
+
+/// Returns the torques on the joints of a metamodule that stands still in a posture with an element of this mass, where
+/// gravity points to `gravity` in the foot frame.
+pub fn standing_peak(table: &Table, carry: &CarryTable, gravity: Face, posture: u16, grams: u32) -> Peak {
+    let down = Vector3::from(<[i16; 3]>::from(gravity.offset()).map(f64::from));
+    let load = Load { gravity: down, payload: f64::from(grams) / 1000.0, payload_at: centre_of_mass(carry) };
+    let q = table.postures()[usize::from(posture)].posture.radians();
+    let all = torques(table.kind(), &q, &load);
+    let all = all.expect("invariant: a posture of the table has all joints and finite angles");
+    let highest = |middle: bool| {
+        let of = all.iter().enumerate().filter(|(i, _)| is_middle(*i) == middle).map(|(_, t)| t.exact);
+        (of.fold(0.0, f64::max) * 1e6).ceil() as u32
+    };
+    Peak { outer: highest(false), middle: highest(true) }
+}
+
+/// Returns the centre of mass of the element in the head frame, in cells.
+fn centre_of_mass(carry: &CarryTable) -> Vector3<f64> {
+    let centres = &carry.grip().centres;
+    let sum = centres.iter().fold([0i32; 3], |s, c| [0, 1, 2].map(|i| s[i] + i32::from(c[i])));
+    Vector3::from(sum.map(|x| f64::from(x) / (2 * centres.len()) as f64))
 }
 
 /// Returns a thousand times the torque with a mass in grams.

@@ -10,6 +10,8 @@
 //! searches it first without the bodies of metamodules that stand still, and [`verification`] carries out what was
 //! found with all bodies. [`walking`] moves a metamodule without an element among obstacles.
 //!
+//! A [`structure`] of metamodules and elements is planned by taking it apart.
+//!
 //! Lengths are in cells, masses in grams, torques in µNm. Floats are used to build tables only: [`contact`] and
 //! [`load`] compute with exact bodies and levers, and everything they give is an integer.
 
@@ -19,8 +21,10 @@ pub mod contact;
 pub mod element;
 pub mod handover;
 pub mod load;
+pub mod rest;
 pub mod scene;
 pub mod stride;
+pub mod structure;
 pub mod terrain;
 pub mod transport;
 pub mod verification;

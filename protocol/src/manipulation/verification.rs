@@ -110,6 +110,15 @@ impl<'a> Situation<'a> {
         before.into_iter().find_map(|at| holds.iter().find_map(|(_, posture)| at.carried(*posture)))
     }
 
+    /// Returns the situation after a metamodule has walked to the first of `bodies` to which there is a path. If there is none,
+    /// one of the others goes out of the way before.
+    pub fn arrived(&self, mover: usize, bodies: &[Body]) -> Option<Situation<'a>> {
+        let others = (0..self.bodies.len()).filter(|i| *i != mover);
+        let before = std::iter::once(self.clone()).chain(others.flat_map(|i| self.away(i, mover, None)));
+        let arrives = |at: Situation<'a>| bodies.iter().take(MAX_PAIRS).find_map(|to| at.walked(mover, *to));
+        before.into_iter().find_map(arrives)
+    }
+
     fn upright(&self, foothold: Foothold) -> Body {
         let table = self.ground.scene().table();
         let posture = table.find(Posture::zero(table.kind()));

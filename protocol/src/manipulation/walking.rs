@@ -65,6 +65,40 @@ impl<'a> Ground<'a> {
     }
 }
 
+/// Returns true if a metamodule can walk from where it stands to a foothold that `is_out` accepts. It may not enter the
+/// cells in `obstacles`.
+pub fn leaves(
+    ground: &Ground<'_>,
+    obstacles: &BTreeSet<Cell>,
+    from: Body,
+    is_out: impl Fn(Foothold) -> bool,
+) -> bool {
+    let scene = ground.scene;
+    let mut known: HashMap<Foothold, Sets> = HashMap::new();
+    let mut sets = |foothold: Foothold| {
+        let free = || scene.empty_among(&scene.blocked(foothold, |c| obstacles.contains(&c)));
+        known.entry(foothold).or_insert_with(free).clone()
+    };
+    let first = (from.foothold, sets(from.foothold)[usize::from(from.posture)]);
+    let mut seen = BTreeSet::from([first]);
+    let mut open = VecDeque::from([first]);
+    while let Some((foothold, set)) = open.pop_front() {
+        if is_out(foothold) {
+            return true;
+        }
+        let here = sets(foothold);
+        for landing in scene.landings(foothold) {
+            if here[usize::from(landing.posture)] == set && ground.exists(landing.to) {
+                let to = (landing.to, sets(landing.to)[usize::from(landing.reversed)]);
+                if seen.insert(to) {
+                    open.push_back(to);
+                }
+            }
+        }
+    }
+    false
+}
+
 /// A metamodule that stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Body {

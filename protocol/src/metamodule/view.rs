@@ -89,6 +89,11 @@ impl<'a> View<'a> {
         let mut others = neighbours.chain(self.neighbours.dead.values().copied());
         own.is_some() && others.any(|pose| self.setup.elements.of(pose.load) == own)
     }
+    /// Returns true if the element that it holds is where it lay at the start, so that it may be put down.
+    pub fn element_rests(self) -> bool {
+        let held = self.setup.held(self.own.pose);
+        held.is_some_and(|(element, cells)| self.setup.elements.all()[element].start == cells)
+    }
     /// Cells of the dead and of obstacles.
     pub fn fixed(self) -> Vec<Cell> {
         let dead = self.neighbours.dead.values().flat_map(|p| self.setup.occupied(*p));

@@ -10,12 +10,14 @@
 //! * [`beam::Beam`] finds plans where an exact search would take too much work.
 //! * [`portfolio::Portfolio`] lets beam search and A* work in turn.
 //! * [`incremental::DStarLite`] repairs a path where edges change.
+//! * [`and_or::disassemble`] takes structures apart: an AND/OR search over subsets.
 //!
 //! Everything is sans-IO, in integers and deterministic: engines are driven in slices of work by
 //! their callers, who own progress, cancelling and time limits; the same space, weights and limits give the same plan
 //! with the same number of expansions on every machine. A goal is called impossible only after every state has
 //! been expanded.
 
+pub mod and_or;
 pub mod beam;
 pub mod bidirectional;
 mod deepening;

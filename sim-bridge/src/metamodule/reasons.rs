@@ -14,6 +14,12 @@ pub const ELEMENT_PINNED: Reason = Reason::new(
     Excuse::Always,
     "element pinned: a dead metamodule holds an element that is not at its goal",
 );
+/// No transport was found for an element that is not at its goal: something that stands still is in the way.
+pub const ELEMENT_BLOCKED: Reason = Reason::new(
+    "element-blocked",
+    Excuse::ByDesign,
+    "element blocked: no way was found to bring an element to its goal as the others stand",
+);
 /// No free metamodule has a better place to go to: a local minimum of the field.
 pub const NO_BETTER_PLACE: Reason = Reason::new(
     "no-better-place",
@@ -39,5 +45,7 @@ pub const MISPLACED: Reason = Reason {
 
 /// The metamodule knows no path to any open seed.
 pub const BARRED: Why = Why("knows no way to an open seed");
+/// The metamodule could bring an element to its goal if the other one, which is dead, were not where it is.
+pub const KEPT_FROM_ELEMENT: Why = Why("has no way with the element past a dead metamodule");
 /// No place within reach is better than the present one.
 pub const HAS_NO_BETTER_PLACE: Why = Why("has no better place to go to");

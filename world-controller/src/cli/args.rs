@@ -2,6 +2,7 @@
 
 use crate::experiments::bench;
 use crate::experiments::explore;
+use crate::experiments::explore::draw::Drawn;
 use crate::experiments::reproduce::{self, Experiment};
 use crate::experiments::sweep::Request;
 use crate::family::{self, Family};
@@ -283,6 +284,9 @@ pub struct ExploreArgs {
     /// One family of modules only; default: all
     #[arg(long, value_name = "FAMILY", value_parser = family_parser())]
     pub family: Option<FamilyArg>,
+    /// Draw metamodules with passive elements only
+    #[arg(long)]
+    pub elements: bool,
     /// Number of concurrent runs; default: the number of processors
     #[arg(long, value_name = "N")]
     pub jobs: Option<NonZeroUsize>,
@@ -324,7 +328,7 @@ impl From<ExploreArgs> for explore::Request {
                 None => explore::Budget::Runs(args.runs.unwrap_or(EXPLORED)),
             },
             seed: args.seed,
-            family: args.family.map(|family| family.0),
+            drawn: Drawn { family: args.family.map(|family| family.0), elements: args.elements },
             jobs: jobs(args.jobs),
             out: args.out,
             json: args.json,

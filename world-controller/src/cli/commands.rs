@@ -1,6 +1,7 @@
 //! All commands: the arguments of each, and the function that executes it.
 
 use crate::cli::args::*;
+use crate::cli::assemblies;
 use crate::cli::doctor::{DoctorArgs, doctor};
 use crate::cli::examples::*;
 use crate::cli::figures::{RenderArgs, render};
@@ -80,7 +81,7 @@ pub enum Command {
     /// Measure both links beside bare mechanisms, in tables and as JSON
     #[command(after_help = BENCH_EXAMPLES)]
     Bench(BenchArgs),
-    /// Plan the reconfiguration of free modules, exactly; check, compare and count
+    /// Plan the reconfiguration of free modules, exactly, or a structure of metamodules and elements; check, compare and count
     #[command(after_help = plan::EXAMPLES)]
     Plan(Box<ReconfigurationArgs>),
     /// Find body and limbs of a structure, and its networks of oscillators
@@ -169,6 +170,9 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
             Ok(if shown.buildable { 0 } else { BAD_USAGE })
         }
         Command::Plan(args) => {
+            if let Some(scenario) = &args.scenario {
+                return assemblies::plan(scenario, &args);
+            }
             let (exit_code, plan) = plan::plan(&args, interrupt)?;
             if let Some(plan) = plan.filter(|_| args.view) {
                 runs::view_plan(&plan, args.port, interrupt)?;

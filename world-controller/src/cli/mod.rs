@@ -1,6 +1,7 @@
 //! The command line: arguments, the function that executes each command, and the generated reference.
 
 pub mod args;
+mod assemblies;
 pub mod commands;
 pub mod dispatch;
 mod doctor;

@@ -51,6 +51,14 @@ const OTHER_AGENTS: &[(&str, &dyn Family)] =
 pub trait ExploredFamily: ScenarioFamily {
     /// Draws a swarm and its goals for exploration.
     fn generate(&self, dice: &mut Dice) -> Box<dyn GeneratedSwarm>;
+    /// Returns true if swarms may have passive elements.
+    fn has_elements(&self) -> bool {
+        false
+    }
+    /// Draws a swarm with passive elements, if there are such; otherwise one without.
+    fn generate_with_elements(&self, dice: &mut Dice) -> Box<dyn GeneratedSwarm> {
+        self.generate(dice)
+    }
     /// Returns a minimal swarm with a minimal goal.
     fn smallest(&self) -> Box<dyn GeneratedSwarm>;
     /// Returns the bounds for a standstill and for moves without progress of explored scenarios, in seconds,

@@ -50,10 +50,15 @@ Examples:
   metamorph plan --distance line:4 ell:4
   metamorph plan --recognise structure.json
   metamorph plan --count line:4
+  metamorph plan table                                   metamodules and elements: bundles, hand-overs, torque
+  metamorph plan table --planner thesis                  in the order of thesis B.5, which is not changed
 
 Plans free Roombots modules, at most 16: attachments, detachments and steps of joints. A goal given as a shape
 leaves joint values free. Structure files are described by `metamorph schema structure`, plans by
 `metamorph schema plan`.
+
+A scenario of metamodules with elements is planned by taking its goal apart: the order of its bundles, and how each is
+placed from the start of the scenario.
 
 Exit codes:
   0  a plan was found, or the question is answered
@@ -63,6 +68,31 @@ Exit codes:
   4  memory, work or time ended before a plan was found; the answer has the proven bound
   7  stopped by Ctrl-C, SIGTERM or SIGHUP; the answer has the best plan so far and the bound
   8  a plan does not check";
+
+/// The options that a scenario has no use for.
+const NOT_OF_SCENARIOS: [&str; 21] = [
+    "from",
+    "to",
+    "types",
+    "joints",
+    "objective",
+    "collision",
+    "connectors",
+    "floor",
+    "gravity",
+    "hold",
+    "up",
+    "weight",
+    "memory",
+    "timeout",
+    "work",
+    "check",
+    "distance",
+    "recognise",
+    "count",
+    "out",
+    "view",
+];
 
 /// The options of searches, which answer no other question.
 const OF_SEARCHES: [&str; 12] = [
@@ -83,8 +113,14 @@ const OF_SEARCHES: [&str; 12] = [
 /// Arguments of `plan`.
 #[derive(Debug, Args)]
 pub struct PlanArgs {
+    /// A scenario of metamodules with elements: a TOML file, or a name that `metamorph scenarios` lists; default: none
+    #[arg(value_name = "SCENARIO", conflicts_with_all = NOT_OF_SCENARIOS)]
+    pub scenario: Option<PathBuf>,
+    /// Of a scenario: set a value in it, as for `run` (repeatable)
+    #[arg(long, value_name = "KEY=VALUE", allow_hyphen_values = true)]
+    pub set: Vec<String>,
     /// The start: line:N, loop:WxH, ell:N, zigzag:N, quadruped:4|6, tree:NxSEED, or a structure file; default: none
-    #[arg(long, value_name = "SHAPE", required_unless_present_any = ["check", "distance", "recognise", "count"], requires = "to")]
+    #[arg(long, value_name = "SHAPE", required_unless_present_any = ["scenario", "check", "distance", "recognise", "count"], requires = "to")]
     pub from: Option<String>,
     /// The goal: a shape, with joint values left free, or a file with joint values; default: none
     #[arg(long, value_name = "SHAPE", requires = "from")]
@@ -95,7 +131,7 @@ pub struct PlanArgs {
     /// A structure file with the joint values of the start; default: all 0
     #[arg(long, value_name = "FILE", conflicts_with_all = ["types", "seed"])]
     pub joints: Option<PathBuf>,
-    /// Draw the joint values of the start from this seed; default: all 0
+    /// Draw the joint values of the start from this seed; default: all 0. Of a scenario: its seed
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     pub seed: Option<u64>,
     /// What the cost counts
@@ -221,14 +257,18 @@ pub enum ConnectorsArg {
 }
 
 /// Exit code: no plan exists.
-const IMPOSSIBLE: u8 = 3;
+pub const IMPOSSIBLE: u8 = 3;
 /// Exit code: a limit was reached before a plan was found.
-const UNDECIDED: u8 = 4;
+pub const UNDECIDED: u8 = 4;
 /// Exit code: a plan does not check.
 const DIFFERENT: u8 = 8;
 
 /// Answers the request, and returns the exit code and the plan, if there is one that checks.
 pub fn plan(args: &PlanArgs, interrupt: &Interrupt) -> Result<(u8, Option<PlanFile>), PlanError> {
+    if !args.set.is_empty() {
+        let fix = "name a SCENARIO, or leave --set out";
+        return Err(PlanError::option("--set", "free modules have no scenario", fix));
+    }
     let mut outputs = Outputs::new();
     for file in [&args.joints, &args.check].into_iter().flatten() {
         outputs.reads("the file", file);
@@ -270,6 +310,10 @@ pub fn plan(args: &PlanArgs, interrupt: &Interrupt) -> Result<(u8, Option<PlanFi
     }
     if let Some(shape) = &args.count {
         return Ok((counted(args, shape, &json, channel, interrupt)?, None));
+    }
+    if matches!(args.planner, Planner::Levels | Planner::Thesis) {
+        let fix = "name a scenario, or leave --planner out";
+        return Err(PlanError::option("--planner", "this planner is for scenarios with elements", fix));
     }
     let problem = problem(args)?;
     let file = args.out.as_ref().map(|file| outputs.writes("-o", file)).transpose()?;

@@ -44,6 +44,10 @@ pub enum Planner {
     Bidirectional,
     /// A* for the proof and beam search for a plan, in turn
     Portfolio,
+    /// Of a scenario with elements: the order by AND/OR search, motions level by level; the same as `auto`
+    Levels,
+    /// Of a scenario with elements: the order of thesis B.5
+    Thesis,
 }
 
 /// A planning problem, the planner to solve it, and the limits for that.

@@ -28,6 +28,7 @@ scenarios!(
     "box",
     "box-to-chair",
     "box-to-table",
+    "carry-cube",
     "chair",
     "chair-hardware",
     "disc-to-sphere",

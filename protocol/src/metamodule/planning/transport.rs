@@ -10,9 +10,9 @@ use crate::manipulation::transport::{Answer, Reason, Task, plan as search};
 use crate::manipulation::verification::{Action, Deed};
 use crate::manipulation::walking::{Body, Ground, Motion};
 use crate::metamodule::params::Setup;
-use crate::metamodule::pose::{Load, Pose};
+use crate::metamodule::pose::{Load, Pose, to_world};
 use crate::roombots::lattice_pose::{LatticePose, LatticeRotation};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
 
 /// The weight of the lower bound in hundredths.
@@ -143,7 +143,7 @@ fn scene(setup: &Setup, element: usize, loads: &[Load], with_hand_overs: bool) -
 }
 
 /// Returns the pose of the foot on the floor.
-fn foot(pose: Pose) -> LatticePose {
+pub fn foot(pose: Pose) -> LatticePose {
     let rotation = LatticeRotation::QUARTER.power(pose.state.class);
     LatticePose { rotation, half: [2 * pose.state.x, 2 * pose.state.y, 0] }
 }
@@ -178,6 +178,36 @@ fn steps_of(at: &Standstill, loads: &[Load], actions: &[Action]) -> Option<(Vec<
         }
     }
     Some((steps, peak))
+}
+
+/// Returns the steps by which a metamodule puts the element that it holds down where it lay at the start; `None` if it
+/// cannot. It stays at its foothold, and the others where they are.
+pub fn put_back(at: &Standstill, body: usize) -> Option<Vec<TransportStep>> {
+    let (setup, pose) = (&*at.setup, *at.free.get(body)?);
+    let (element, _) = setup.held(pose)?;
+    let (carry, limits) = (setup.elements.carry(pose.load)?, setup.elements.limits());
+    let others = (0..at.free.len()).filter(|i| *i != body).flat_map(|i| setup.occupied(at.free[i]));
+    let taken: BTreeSet<Cell> = others.chain(at.fixed.iter().copied()).collect();
+    let blocked = carry.set(|cell| taken.contains(&to_world(pose.state, cell)));
+    let passes = |step: usize| {
+        let within = setup.elements.peak(pose.load, step).is_some_and(|peak| peak.within(limits));
+        within && !carry.steps()[step].swept.meets(&blocked)
+    };
+    let start = &setup.elements.all()[element].start;
+    let lies = |posture: &u16| {
+        setup.held(Pose { posture: *posture, ..pose }).is_some_and(|(_, cells)| cells == *start)
+    };
+    let ends = carry.valid_postures().into_iter().filter(lies);
+    let path = ends.filter_map(|to| carry.path(pose.posture, to, passes)).min_by_key(Vec::len)?;
+    let (mut from, mut steps) = (pose, Vec::new());
+    for (_, posture) in path {
+        let to = Pose { posture, ..from };
+        steps.push(TransportStep { body, from, to, deed: TransportDeed::Turn(posture) });
+        from = to;
+    }
+    let to = Pose { load: Load::NONE, ..from };
+    steps.push(TransportStep { body, from, to, deed: TransportDeed::Handle(Load::NONE) });
+    Some(steps)
 }
 
 /// Returns the loads by which metamodules in their seeds can still grip an element at its goal: the number of each

@@ -5,7 +5,8 @@ use crate::director::outcome::{Proof, Stall, Waiter};
 use crate::director::reason::Why;
 use crate::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_WAY};
 use crate::metamodule::reasons::{
-    BARRED, ELEMENT_PINNED, HAS_NO_BETTER_PLACE, MISPLACED, NO_BETTER_PLACE, NO_LOCK, SEED_BLOCKED,
+    BARRED, ELEMENT_BLOCKED, ELEMENT_PINNED, HAS_NO_BETTER_PLACE, KEPT_FROM_ELEMENT, MISPLACED,
+    NO_BETTER_PLACE, NO_LOCK, SEED_BLOCKED,
 };
 use crate::metamodule::relocation::Elsewhere;
 use crate::metamodule::world::MetamoduleWorld;
@@ -25,6 +26,13 @@ impl MetamoduleDirector {
         };
         let free: Vec<Waiter> =
             (0..).map(ModuleId).zip(&self.known).filter(is_free).map(|(id, k)| self.waiter(id, k)).collect();
+        let blocked = self.blocked(world);
+        let free: Vec<Waiter> = match blocked.as_ref().and_then(|(_, by)| by.first()) {
+            Some(by) => {
+                free.into_iter().map(|w| Waiter { on: Some(*by), why: KEPT_FROM_ELEMENT, ..w }).collect()
+            }
+            None => free,
+        };
         let waits: Vec<_> = free.iter().map(|w| (w.module, w.on)).collect();
         let all = (0..self.known.len() as u32).map(ModuleId);
         let stuck = all.filter(|id| world.is_stuck(*id)).flat_map(|id| world.cells(id)).copied();
@@ -40,6 +48,8 @@ impl MetamoduleDirector {
             MATERIAL_EXHAUSTED
         } else if self.is_seed_blocked(&stays) {
             SEED_BLOCKED
+        } else if blocked.is_some() {
+            ELEMENT_BLOCKED
         } else if matches!(sought, SearchResult::Path(_)) {
             BLOCKED
         } else if matches!(sought, SearchResult::NoWay(_)) || self.is_out_of_reach(world) {

@@ -9,6 +9,9 @@ use metamorph_protocol::metamodule::message::Order;
 use metamorph_protocol::metamodule::planning::transport::is_at_goal;
 use std::collections::BTreeSet;
 
+/// The dead metamodules that are taken away on trial, at most: each takes a search.
+const MAX_SUSPECTS: usize = 8;
+
 impl MetamoduleDirector {
     /// Tells all metamodules which cells have become blocked or free: those of foreign objects and of elements at rest.
     pub(super) fn tell_obstacles(&mut self, world: &MetamoduleWorld) {
@@ -34,6 +37,28 @@ impl MetamoduleDirector {
         let by = |e| world.holders(e).find(|id| self.dead.contains(id)).map(|id| (e, id));
         let away = (0..world.elements()).filter(|e| !is_at_goal(&self.setup, *e, world.element(*e)));
         away.filter_map(by).collect()
+    }
+
+    /// Returns the next element if there is no transport to its goal, with the dead metamodules in the way: those without
+    /// each of which there would be one, or all if there would be one without any of them. `None` if the element is pinned,
+    /// or there is a transport.
+    pub fn blocked(&self, world: &MetamoduleWorld) -> Option<(usize, Vec<ModuleId>)> {
+        let mut swarm = self.swarm(world);
+        let element = swarm.next_element()?;
+        let has_dead_holder = swarm.elements[element].holders.iter().any(|id| self.dead.contains(id));
+        if has_dead_holder || swarm.has_transport(element) {
+            return None;
+        }
+        let stays = swarm.stays.clone();
+        let mut has_way_without = |gone: &[ModuleId]| {
+            let is_gone = |cell: &Cell| gone.iter().any(|id| world.cells(*id).contains(cell));
+            swarm.stays = stays.iter().copied().filter(|cell| !is_gone(cell)).collect();
+            swarm.has_transport(element)
+        };
+        let dead: Vec<ModuleId> = self.dead.iter().copied().take(MAX_SUSPECTS).collect();
+        let one: Vec<ModuleId> = dead.iter().copied().filter(|id| has_way_without(&[*id])).collect();
+        let all = one.is_empty() && has_way_without(&dead);
+        Some((element, if all { dead } else { one }))
     }
 
     /// Returns true if all elements are at their goals, gripped by all metamodules in seeds whose heads face them.

@@ -8,7 +8,8 @@
 //!
 //! Elements come first, one after the other: the plan for the next one is carried out step by step, with its last holder in a
 //! seed. Then the other seeds are filled, and the metamodules in them grip what faces their heads. While an element is on
-//! its way the metamodules are never left to themselves. Of an element whose holder is dead or suspected there is no plan.
+//! its way the metamodules are never left to themselves. Of an element whose holder is dead or suspected there is no plan. A
+//! living holder that has none puts the element back where it lay, so that another one can take it.
 //!
 //! Planning takes scenario time: its work divided by [`PLANNING_RATE`]. So a run has the same trace on every
 //! machine.
@@ -25,7 +26,7 @@ use metamorph_protocol::metamodule::planning::centralized::{
 use metamorph_protocol::metamodule::planning::cooperative::{Standstill, WORK};
 use metamorph_protocol::metamodule::planning::transport::{
     TRANSPORT_WORK, TransportAnswer, TransportDeed, TransportStep, facing, is_at_goal, missing_bonds,
-    plan_transport,
+    plan_transport, put_back,
 };
 use metamorph_protocol::metamodule::pose::{Load, Pose};
 use metamorph_protocol::runtime::Command;
@@ -100,7 +101,7 @@ impl Swarm<'_> {
         self.known.get(id.index()).filter(|known| known.alive).and_then(|known| known.status)
     }
     /// Returns the next element that is not at its goal.
-    fn next_element(&self) -> Option<usize> {
+    pub fn next_element(&self) -> Option<usize> {
         (0..self.elements.len()).find(|e| !is_at_goal(self.setup, *e, &self.elements[*e].cells))
     }
     /// Returns the metamodules in seeds that are to grip an element at its goal, their poses and the loads.
@@ -117,6 +118,32 @@ impl Swarm<'_> {
     pub fn is_built(&self) -> bool {
         let filled = self.filled.holds(self.setup.goal(self.task).all());
         filled && self.next_element().is_none() && self.missing_bonds().is_empty()
+    }
+    /// Returns the input of a search for this element, or without one for the seeds: the free metamodules and what stands.
+    fn standstill(
+        &self,
+        element: Option<usize>,
+        suspected: &BTreeSet<ModuleId>,
+    ) -> (Vec<ModuleId>, Standstill) {
+        let (mut ids, mut free, mut fixed) = (Vec::new(), Vec::new(), self.stays.clone());
+        for (id, status) in self.living() {
+            let Some(status) = status else { continue };
+            if !self.fills(&status) && !status.stuck && !suspected.contains(&id) {
+                ids.push(id);
+                free.push(status.pose);
+            } else {
+                fixed.extend(self.setup.motions.cells(status.pose));
+            }
+        }
+        let others = self.elements.iter().enumerate().filter(|(e, _)| Some(*e) != element);
+        fixed.extend(others.flat_map(|(_, e)| &e.cells));
+        let setup = Arc::clone(self.setup);
+        (ids, Standstill { setup, task: self.task, filled: self.filled, free, fixed })
+    }
+    /// Returns true if the planner finds a transport of an element to its goal.
+    pub fn has_transport(&self, element: usize) -> bool {
+        let (_, standstill) = self.standstill(Some(element), &BTreeSet::new());
+        matches!(plan_transport(&standstill, element), TransportAnswer::Plan(_))
     }
     /// Returns true if all living metamodules have reported and none moves.
     fn rests(&self) -> bool {
@@ -261,21 +288,8 @@ impl PlanExecution {
 
     /// Makes a plan from what has been reported.
     fn plan(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut VecDeque<Command<Order>>) {
-        let (mut ids, mut free, mut fixed) = (Vec::new(), Vec::new(), swarm.stays.clone());
-        for (id, status) in swarm.living() {
-            let Some(status) = status else { continue };
-            if !swarm.fills(&status) && !status.stuck && !self.suspected.contains(&id) {
-                ids.push(id);
-                free.push(status.pose);
-            } else {
-                fixed.extend(swarm.setup.motions.cells(status.pose));
-            }
-        }
         let element = swarm.next_element();
-        let others = swarm.elements.iter().enumerate().filter(|(e, _)| Some(*e) != element);
-        fixed.extend(others.flat_map(|(_, e)| &e.cells));
-        let setup = Arc::clone(swarm.setup);
-        let standstill = Standstill { setup, task: swarm.task, filled: swarm.filled, free, fixed };
+        let (ids, standstill) = swarm.standstill(element, &self.suspected);
         if let Some(element) = element {
             return self.plan_element(now, swarm, orders, (&ids, &standstill, element));
         }
@@ -332,11 +346,24 @@ impl PlanExecution {
                 plan_transport(standstill, element)
             }
         };
-        let TransportAnswer::Plan(found) = answer else { return self.run_out(now, swarm, orders) };
+        let TransportAnswer::Plan(found) = answer else {
+            // Another metamodule may bring the element to its goal.
+            let holder = |id: &ModuleId| swarm.elements[element].holders.contains(id);
+            let body = ids.iter().position(holder).filter(|_| !is_pinned);
+            return match body.and_then(|body| put_back(standstill, body)) {
+                Some(steps) => self.follow(now, ids, steps, false),
+                None => self.run_out(now, swarm, orders),
+            };
+        };
         if self.counts.plans == 1 {
             self.counts.first_moves = u64::from(found.connections);
         }
-        let last = found.steps.len().saturating_sub(1);
+        self.follow(now, ids, found.steps, true);
+    }
+
+    /// Carries the steps of a transport out, one after the other. `fills` says whether the last one ends in a seed.
+    fn follow(&mut self, now: Time, ids: &[ModuleId], steps: Vec<TransportStep>, fills: bool) {
+        let last = steps.len().saturating_sub(1);
         let step = |(i, step): (usize, TransportStep)| {
             let (id, TransportStep { from, to, .. }) = (ids[step.body], step);
             let turns = |posture, lands| Instruction::Move { mover: id, from, posture, lands };
@@ -346,9 +373,9 @@ impl PlanExecution {
                 TransportDeed::Handle(load) => Instruction::Handle { mover: id, from, load },
             };
             let after = i.checked_sub(1).into_iter().collect();
-            Step { id, instruction, after, fills: i == last, to, due: None, done: false }
+            Step { id, instruction, after, fills: fills && i == last, to, due: None, done: false }
         };
-        self.steps = found.steps.into_iter().enumerate().map(step).collect();
+        self.steps = steps.into_iter().enumerate().map(step).collect();
         self.stage = Stage::Planning(now + Span(TRANSPORT_WORK as u64 * 1_000_000_000 / PLANNING_RATE));
     }
 

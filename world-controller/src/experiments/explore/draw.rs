@@ -16,12 +16,40 @@ use metamorph_protocol::rng::Rng;
 /// has room for.
 const TRIES: u64 = 40;
 
+/// Which scenarios are drawn.
+#[derive(Clone, Copy, Default)]
+pub struct Drawn {
+    /// One family only; `None` for all.
+    pub family: Option<&'static dyn Family>,
+    /// Swarms with passive elements only, of a family that has such. Of others they are drawn without.
+    pub elements: bool,
+}
+
+impl From<Option<&'static dyn Family>> for Drawn {
+    fn from(family: Option<&'static dyn Family>) -> Drawn {
+        Drawn { family, elements: false }
+    }
+}
+
+impl Drawn {
+    /// Returns the options that draw the same.
+    pub fn options(self) -> String {
+        let family = self.family.map_or(String::new(), |f| format!(" --family {}", f.name()));
+        format!("{family}{}", if self.elements { " --elements" } else { "" })
+    }
+}
+
 /// Returns the scenario of a seed, and its plan.
-pub fn draw(seed: u64, family: Option<&'static dyn Family>) -> (GeneratedScenario, Plan) {
+pub fn draw(seed: u64, which: impl Into<Drawn>) -> (GeneratedScenario, Plan) {
+    let which = which.into();
+    // Of all families only one has elements.
+    let with_elements = || all().iter().copied().find(|f| f.has_elements()).filter(|_| which.elements);
+    let family = which.family.or_else(with_elements);
     for attempt in 0..TRIES {
         let mut dice = Dice(Rng::named(seed, "explore", attempt));
         let family = family.unwrap_or_else(|| dice.pick(&drawn()));
-        if let Some(drawn) = complete(dice.draft(seed, family)) {
+        let elements = which.elements && family.has_elements();
+        if let Some(drawn) = complete(dice.draft(seed, family, elements)) {
             return drawn;
         }
     }
@@ -70,11 +98,11 @@ fn lasts(draft: &GeneratedScenario) -> bool {
 
 /// Draws what all families share.
 impl Dice {
-    fn draft(&mut self, seed: u64, family: &dyn Family) -> GeneratedScenario {
+    fn draft(&mut self, seed: u64, family: &dyn Family, elements: bool) -> GeneratedScenario {
         let mut draft = GeneratedScenario {
             description: String::new(),
             seed,
-            swarm: family.generate(self),
+            swarm: if elements { family.generate_with_elements(self) } else { family.generate(self) },
             failed_connections: 0,
             link: self.link(),
             faults: Vec::new(),
@@ -191,8 +219,8 @@ mod tests {
     fn a_seed_decides_on_everything() {
         let mut texts = BTreeSet::new();
         for seed in 0..60 {
-            let (draft, plan) = draw(seed, None);
-            assert_eq!(draft.to_string(), draw(seed, None).0.to_string());
+            let (draft, plan) = draw(seed, Drawn::default());
+            assert_eq!(draft.to_string(), draw(seed, Drawn::default()).0.to_string());
             assert_eq!((plan.seed, plan.swarm.len()), (seed, draft.modules()));
             let harms = |f: &GeneratedFault| !matches!(f.what, Break::Partition(_));
             let events: usize =

@@ -22,9 +22,9 @@ use crate::console::interrupt::Interrupt;
 use crate::console::output::{Json, OutputError, Outputs};
 use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::{Channel, Live};
-use crate::family::{self, Family, simulate};
+use crate::family::{self, simulate};
 use crate::scenario::Plan;
-use draw::draw;
+use draw::{Drawn, draw};
 use generated_scenario::GeneratedScenario;
 use limits::Limits;
 use metamorph_protocol::coverage::{self, CoveragePoints};
@@ -53,8 +53,8 @@ pub struct Request {
     pub budget: Budget,
     /// The first seed; drawn if `None`.
     pub seed: Option<u64>,
-    /// The only family, if given.
-    pub family: Option<&'static dyn Family>,
+    /// Which scenarios are drawn.
+    pub drawn: Drawn,
     /// Number of threads.
     pub jobs: NonZeroUsize,
     /// The directory for failing scenarios.
@@ -246,7 +246,7 @@ pub fn explore(request: &Request) -> Result<u8, ExploreError> {
     let one_run = request.budget == Budget::Runs(1);
     channel.say(&format!(
         "exploring from seed {seed}{}\n",
-        if one_run { format!("\n\n{}", draw(seed, request.family).0) } else { String::new() }
+        if one_run { format!("\n\n{}", draw(seed, request.drawn).0) } else { String::new() }
     ));
     let limits = Limits::new(request.budget, interrupt.clone());
     let (mut tallies, mut live) = (Tallies::default(), Live::new(!request.quiet));
@@ -255,7 +255,7 @@ pub fn explore(request: &Request) -> Result<u8, ExploreError> {
         if let Some(failure) = tallies.add(number, &ran) {
             limits.note_failure();
             live.clear();
-            let repeat = repeat(seed.wrapping_add(number), request.family);
+            let repeat = repeat(seed.wrapping_add(number), request.drawn);
             channel.say(&format!("{} ({}): {}\n  {repeat}\n", failure.kind, ran.protocol, failure.what));
         }
         live.show(|| {
@@ -268,7 +268,7 @@ pub fn explore(request: &Request) -> Result<u8, ExploreError> {
     let drawing = limits.elapsed().as_secs_f64();
     let interrupted = interrupt.is_set();
     let found = found(request, seed, &tallies, &mut outputs, &limits)?;
-    let summary = Summary::new(seed, request.family, tallies, found);
+    let summary = Summary::new(seed, request.drawn.family, tallies, found);
     channel.say(&summary::text(&summary, channel.paint()));
     channel.say(&format!(
         "  {} on {}; {} were drawn\n",
@@ -297,7 +297,7 @@ fn found(
     for ((kind, protocol), failures) in tallies.failures() {
         let seeds = summary::seeds(seed, &failures.first);
         let first = *seeds.first().expect("invariant: what failed has a first run");
-        let (draft, plan) = draw(first, request.family);
+        let (draft, plan) = draw(first, request.drawn);
         let mut found = Found {
             kind: kind.clone(),
             protocol: protocol.clone(),
@@ -305,7 +305,7 @@ fn found(
             seeds,
             runs: failures.count,
             what: failures.what.clone(),
-            repeat: repeat(first, request.family),
+            repeat: repeat(first, request.drawn),
             scenario: None,
             here: None,
             agents: draft.modules(),
@@ -334,7 +334,6 @@ fn found(
 }
 
 /// Returns the command that repeats the run of a seed.
-fn repeat(seed: u64, family: Option<&dyn Family>) -> String {
-    let family = family.map_or(String::new(), |f| format!(" --family {}", f.name()));
-    format!("metamorph explore --runs 1 --seed {seed}{family}")
+fn repeat(seed: u64, drawn: Drawn) -> String {
+    format!("metamorph explore --runs 1 --seed {seed}{}", drawn.options())
 }

@@ -61,7 +61,7 @@ fn work(seed: u64, request: &Request, limits: &Limits, next: &AtomicU64, sender:
         if matches!(request.budget, Budget::Runs(runs) if number >= runs) {
             break;
         }
-        let (draft, plan) = draw(seed.wrapping_add(number), request.family);
+        let (draft, plan) = draw(seed.wrapping_add(number), request.drawn);
         tracing::info!("seed {}: {}", draft.seed, draft.summary());
         // A run cut short by the limits is dropped; workers end when the receiver is gone.
         let Some(ran) = run_one(&plan, &|| limits.end_drawing()) else { break };

@@ -76,6 +76,9 @@ pub enum Experiment {
     /// Experiment 1 of 5.1.4: two metamodules transport a cube; figures 5.8 and 5.9
     #[value(aliases = ["5.8", "5.9"])]
     Transport,
+    /// Appendix B.3 to B.5: levels and isolation of a table, and the order that follows from them
+    #[value(name = "appendix-b")]
+    AppendixB,
     /// Appendix C.6: pairing of cubes to modules
     #[value(name = "c.6")]
     Pairing,
@@ -98,6 +101,7 @@ impl Experiment {
             Experiment::Thesis7 => "thesis-7",
             Experiment::Torque => "torque",
             Experiment::Transport => "transport",
+            Experiment::AppendixB => "appendix-b",
             Experiment::Pairing => "c.6",
             Experiment::Study => "8.2",
         }
@@ -116,6 +120,7 @@ impl Experiment {
             }
             Experiment::Torque => "Thesis 5.1.4, experiment 2 (figure 5.10): limits of torque",
             Experiment::Transport => "Thesis 5.1.4, experiment 1 (figures 5.8 and 5.9): transport of a cube",
+            Experiment::AppendixB => "Thesis B.3 to B.5: the order in which a table is built",
             Experiment::Pairing => "Thesis C.6: pairing of cubes to modules",
             Experiment::Study => "Thesis, table 8.2: F values of the study, recomputed",
         }

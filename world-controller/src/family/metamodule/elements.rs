@@ -8,6 +8,7 @@ use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::manipulation::colour::colours_differ;
 use metamorph_protocol::manipulation::element::{Element, cell_at, centre_of, moved};
 use metamorph_protocol::manipulation::load::{Limits, MAX_GRAMS};
+use metamorph_protocol::manipulation::rest::rests;
 use metamorph_protocol::metamodule::blueprint::Blueprint;
 use metamorph_protocol::metamodule::elements::{Elements, MAX_ELEMENTS, PassiveElement};
 use metamorph_protocol::metamodule::motions::Motions;
@@ -182,7 +183,7 @@ pub fn checked(
                 complain(place, MetamoduleError::ElementBelowFloor { name: name(), cell: *cell });
             }
         }
-        if !rests(&start, around.floor) {
+        if !rests(&start, |c| around.floor.has(c.x, c.y)) {
             complain(&element.at.place, MetamoduleError::ElementNoRest(name()));
         }
         if colours_differ(&start, &goal) {
@@ -227,41 +228,9 @@ fn heads(around: &Surroundings<'_>) -> Vec<Pose> {
     poses
 }
 
-/// Returns true if an element in these cells rests on the floor: the vertical through its centre of mass meets the convex
-/// hull of its cells at the bottom.
-fn rests(cells: &[Cell], floor: Floor) -> bool {
-    let corners = |c: &Cell| {
-        let (x, y) = (2 * i64::from(c.x), 2 * i64::from(c.y));
-        [(x - 1, y - 1), (x + 1, y - 1), (x - 1, y + 1), (x + 1, y + 1)]
-    };
-    let bottom = cells.iter().filter(|c| c.z == 0 && floor.has(c.x, c.y));
-    // All lengths times the number of cells, so that the centre is whole.
-    let n = cells.len() as i64;
-    let hull: Vec<(i64, i64)> = bottom.flat_map(corners).map(|(x, y)| (x * n, y * n)).collect();
-    let sum = cells.iter().fold((0, 0), |(x, y), c| (x + 2 * i64::from(c.x), y + 2 * i64::from(c.y)));
-    let left = |a: (i64, i64), b: (i64, i64), p: (i64, i64)| {
-        (b.0 - a.0) * (p.1 - a.1) - (b.1 - a.1) * (p.0 - a.0) >= 0
-    };
-    let is_side = |a, b| a != b && hull.iter().all(|p| left(a, b, *p));
-    let pairs = || hull.iter().flat_map(|a| hull.iter().map(move |b| (*a, *b)));
-    !hull.is_empty() && pairs().filter(|(a, b)| is_side(*a, *b)).all(|(a, b)| left(a, b, sum))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn elements_rest_below_their_centre_of_mass() {
-        let floor = Floor { min: (0, 0), max: (9, 9) };
-        let cells = |all: &[[i16; 3]]| all.iter().copied().map(Cell::from).collect::<Vec<_>>();
-        assert!(rests(&cells(&[[1, 1, 0]]), floor));
-        assert!(!rests(&cells(&[[1, 1, 1]]), floor), "in the air");
-        assert!(!rests(&cells(&[[-1, 1, 0]]), floor), "beside the floor");
-        // An arm of two cells is held by its base, one of four is not.
-        assert!(rests(&cells(&[[1, 1, 0], [1, 1, 1], [2, 1, 1]]), floor));
-        assert!(!rests(&cells(&[[1, 1, 0], [1, 1, 1], [2, 1, 1], [3, 1, 1], [4, 1, 1]]), floor));
-    }
 
     #[test]
     fn turns_are_two_directions() {

@@ -1,8 +1,8 @@
 //! Generates random swarms of metamodules and their goals.
 
-use super::generated::{GeneratedMetamodules, MetamoduleGoal};
+use super::generated::{GeneratedElement, GeneratedMetamodules, MetamoduleGoal};
 use crate::family::generated::Dice;
-use metamorph_protocol::lattice::Face;
+use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::metamodule::blueprint::{Seed, SeedOrder, box_of_four, chair_of_six};
 use metamorph_protocol::metamodule::params::{Precedence, PrecedenceBy, SeedAuthority, Strategy};
 use metamorph_protocol::roombots::Kind;
@@ -19,6 +19,7 @@ pub fn smallest() -> GeneratedMetamodules {
         relocate: false,
         precedence: None,
         settled_repel: true,
+        element: None,
     }
 }
 
@@ -56,6 +57,7 @@ impl Dice {
             relocate: self.once_in(2),
             precedence: None,
             settled_repel: true,
+            element: None,
         };
         // Drawn apart, so that everything else of a seed stays as it was before there was this strategy.
         if draft.strategy == Strategy::Negotiated && self.0.clone().below(4) == 0 {
@@ -72,6 +74,45 @@ impl Dice {
             }
         }
         draft
+    }
+
+    /// Draws a swarm of metamodules that hold an element in the air on the heads of upright ones.
+    pub fn metamodules_with_element(&mut self) -> GeneratedMetamodules {
+        // Where the upright ones stand below cell (0, 0, 0), and the sides of the element.
+        let (shape, feet, sides): (_, &[(i16, i16)], _) = self.pick(&[
+            ("cube", &[(0, 0)][..], (1, 1)),
+            ("bar3", &[(0, 0), (2, 0)][..], (3, 1)),
+            ("plate3x3", &[(0, 0), (2, 0), (2, 2), (0, 2)][..], (3, 3)),
+        ]);
+        let side = self.within(11, 14) as i16;
+        let mut place = |reach: (i16, i16)| {
+            let mut along = |reach: i16| self.within(1, (side - 1 - reach) as u64) as i16;
+            (along(reach.0), along(reach.1))
+        };
+        let (goal, mut start) = (place(sides), place(sides));
+        if (goal.0 + goal.1 + start.0 + start.1) % 2 != 0 {
+            // A goal of the other colour is refused.
+            start.0 -= 1;
+        }
+        let posts: Vec<Seed> = feet.iter().map(|(x, y)| upright(goal.0 + x, goal.1 + y)).collect();
+        let count = posts.len() + self.pick(&[0, 1, 1, 2]);
+        GeneratedMetamodules {
+            kind: self.pick(&Kind::METAMODULES),
+            side,
+            start: Err(count),
+            goals: vec![(0, MetamoduleGoal { levels: vec![posts], order: SeedOrder::Circular })],
+            strategy: Strategy::Planned,
+            seed_authority: SeedAuthority::Controller,
+            relocate: false,
+            precedence: None,
+            settled_repel: true,
+            element: Some(GeneratedElement {
+                shape,
+                grams: self.pick(&[100, 250, 500]),
+                at: Cell::new(start.0, start.1, 0),
+                to: Cell::new(goal.0, goal.1, 4),
+            }),
+        }
     }
 
     fn metamodule_goal(&mut self, side: i16) -> MetamoduleGoal {

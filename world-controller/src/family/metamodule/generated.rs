@@ -32,6 +32,21 @@ pub struct GeneratedMetamodules {
     pub precedence: Option<Precedence>,
     /// True if settled metamodules repel others.
     pub settled_repel: bool,
+    /// A passive element.
+    pub element: Option<GeneratedElement>,
+}
+
+/// A passive element.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GeneratedElement {
+    /// The name of its shape.
+    pub shape: &'static str,
+    /// Its mass in grams.
+    pub grams: u32,
+    /// Where its cell (0, 0, 0) lies at the start.
+    pub at: Cell,
+    /// Where that cell is in the end.
+    pub to: Cell,
 }
 
 /// A goal of metamodules.
@@ -51,7 +66,8 @@ impl GeneratedSwarm for GeneratedMetamodules {
         self.goals.iter().flat_map(|(_, g)| &g.levels).map(Vec::len).sum()
     }
     fn summary(&self) -> String {
-        format!("{} metamodules {}, {}", self.modules(), self.kind.name(), self.strategy.name())
+        let element = self.element.as_ref().map_or_else(String::new, |e| format!(" with a {}", e.shape));
+        format!("{} metamodules {}, {}{element}", self.modules(), self.kind.name(), self.strategy.name())
     }
     fn settle(&mut self, swarm: &Swarm) -> bool {
         let (true, Some(placed)) = (self.start.is_err(), swarm.of::<Metamodules>()) else { return false };
@@ -77,6 +93,12 @@ impl GeneratedSwarm for GeneratedMetamodules {
         }
         if failed > 0 {
             writeln!(f, "failed_connections = \"{failed}%\"")?;
+        }
+        if let Some(GeneratedElement { shape, grams, at, to }) = &self.element {
+            let kilograms = f64::from(*grams) / 1000.0;
+            writeln!(f, "\n[[swarm.element]]\nshape = \"{shape}\"\nmass = {kilograms}")?;
+            writeln!(f, "at = {{ cell = [{}, {}, {}] }}", at.x, at.y, at.z)?;
+            writeln!(f, "to = {{ cell = [{}, {}, {}] }}", to.x, to.y, to.z)?;
         }
         for (i, (at, goal)) in self.goals.iter().enumerate() {
             writeln!(f, "\n[[goal]]")?;
@@ -145,6 +167,9 @@ impl GeneratedSwarm for GeneratedMetamodules {
             }
         }
         fewer_seeds.into_iter().for_each(|fewer| add(fewer, 0..0));
+        if metamodules.element.is_some() {
+            add(GeneratedMetamodules { element: None, ..metamodules.clone() }, 0..0);
+        }
         if metamodules.relocate {
             add(GeneratedMetamodules { relocate: false, ..metamodules.clone() }, 0..0);
         }

@@ -1,5 +1,6 @@
 //! Metamodules of two Roombots modules each, which walk over a floor of connectors (thesis 4.1.3).
 
+pub mod assembly;
 mod bounds;
 mod describe;
 mod elements;
@@ -70,6 +71,12 @@ impl ScenarioFamily for MetamoduleFamily {
 impl ExploredFamily for MetamoduleFamily {
     fn generate(&self, dice: &mut Dice) -> Box<dyn GeneratedSwarm> {
         Box::new(dice.metamodules())
+    }
+    fn has_elements(&self) -> bool {
+        true
+    }
+    fn generate_with_elements(&self, dice: &mut Dice) -> Box<dyn GeneratedSwarm> {
+        Box::new(dice.metamodules_with_element())
     }
     fn smallest(&self) -> Box<dyn GeneratedSwarm> {
         Box::new(generate::smallest())

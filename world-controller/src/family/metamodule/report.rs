@@ -1,6 +1,6 @@
 //! The results that only metamodules have, as a part of the report.
 
-use crate::console::format::{count, many, seconds};
+use crate::console::format::{count, listed, many, seconds};
 use crate::report::family_part::{FamilyPart, FamilyText};
 use crate::report::schema::MoveReport;
 use schemars::JsonSchema;
@@ -44,6 +44,9 @@ pub struct ElementsReport {
     pub placed: u64,
     /// Elements that are not there and that a dead metamodule holds.
     pub pinned: Vec<PinnedReport>,
+    /// Elements without a transport to their goals, with the dead metamodules in the way.
+    #[serde(default)]
+    pub blocked: Vec<BlockedReport>,
     /// Elements that are neither at their goals nor pinned.
     pub on_the_way: u64,
     /// Elements handed over: let go while another metamodule held on.
@@ -65,6 +68,15 @@ pub struct PinnedReport {
     pub element: String,
     /// The dead metamodule that holds it.
     pub by: u32,
+}
+
+/// An element for which no transport to its goal was found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct BlockedReport {
+    /// The element.
+    pub element: String,
+    /// The dead metamodules without which there would be one; empty if there would be none either.
+    pub by: Vec<u32>,
 }
 
 /// The work of the planner.
@@ -158,6 +170,11 @@ fn elements_text(e: &ElementsReport) -> String {
     let all = e.placed + e.pinned.len() as u64 + e.on_the_way;
     let pinned: Vec<String> =
         e.pinned.iter().map(|p| format!("; {} is pinned by dead metamodule {}", p.element, p.by)).collect();
+    let blocked = e.blocked.iter().map(|b| match b.by.as_slice() {
+        [] => format!("; no transport was found for {}", b.element),
+        by => format!("; {} has no way past dead metamodule {}", b.element, listed(by, 4)),
+    });
+    let blocked: String = blocked.collect();
     let prevented = match (e.drops_prevented, e.overloads_prevented) {
         (0, 0) => String::new(),
         (drops, overloads) => {
@@ -165,7 +182,7 @@ fn elements_text(e: &ElementsReport) -> String {
         }
     };
     format!(
-        "{} of {} placed; {}, {}, {}{}{prevented}",
+        "{} of {} placed; {}, {}, {}{}{blocked}{prevented}",
         count(e.placed),
         count(all),
         many(e.grips, "grip"),

@@ -1,7 +1,9 @@
 //! Runs a swarm of metamodules and collects its results.
 
 use super::Metamodules;
-use super::report::{self, ElementsReport, LevelReport, MetamoduleReport, PinnedReport, PlanReport};
+use super::report::{
+    self, BlockedReport, ElementsReport, LevelReport, MetamoduleReport, PinnedReport, PlanReport,
+};
 use crate::report::run_result::RunResult;
 use crate::report::schema::MoveReport;
 use crate::run::runnable::{Runnable, stage};
@@ -10,6 +12,7 @@ use metamorph_protocol::metamodule::params::Setup;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::metamodule::director::{MetamoduleDirector, MetamodulePlan};
+use metamorph_sim_bridge::metamodule::reasons::ELEMENT_BLOCKED;
 use metamorph_sim_bridge::metamodule::world::MetamoduleWorld;
 use metamorph_sim_bridge::world::World;
 use metamorph_sim_bridge::world::invariants::Violation;
@@ -28,7 +31,14 @@ fn elements_report(
         .into_iter()
         .map(|(e, by)| PinnedReport { element: all[e].name.clone(), by: by.0 })
         .collect();
+    let blocked = director.stall().and_then(|_| director.blocked(world)).into_iter();
     (!all.is_empty()).then(|| ElementsReport {
+        blocked: blocked
+            .map(|(e, by)| BlockedReport {
+                element: all[e].name.clone(),
+                by: by.iter().map(|id| id.0).collect(),
+            })
+            .collect(),
         placed: placed as u64,
         on_the_way: (all.len() - placed - pinned.len()) as u64,
         pinned,
@@ -97,7 +107,11 @@ impl Runnable for Metamodules {
             crashed,
             restarted,
             stall: director.stall().cloned(),
-            snapshot: director.stall().map(|_| Box::new(director.snapshot(world)) as _),
+            // The search knows no elements.
+            snapshot: director
+                .stall()
+                .filter(|stall| stall.reason != ELEMENT_BLOCKED)
+                .map(|_| Box::new(director.snapshot(world)) as _),
             struck: director.struck().to_vec(),
             prevented: director.prevented(),
             stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),

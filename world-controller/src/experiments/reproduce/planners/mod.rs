@@ -1,5 +1,6 @@
 //! Published results of planners and of networks of oscillators, beside ours: one table of figures each.
 
+mod appendix_b;
 mod graph_signature;
 mod learning_curves;
 mod network_parameters;
@@ -97,6 +98,7 @@ pub fn reproduce(experiments: &[Experiment], request: &Request) -> Result<u8, Sw
             }
             Experiment::Torque => torque::table(),
             Experiment::Transport => transport::table(request.seeds, &interrupt),
+            Experiment::AppendixB => appendix_b::table(),
             Experiment::Study => study::table(),
             Experiment::Pairing => pairing::table(request.seeds, &interrupt),
             Experiment::Planned => planned::table(request, &interrupt)?,
