@@ -3,6 +3,7 @@
 use super::dwell::{DWELL, Dwell, Rule};
 use super::filter::Filter;
 use super::ray::{TILE, tile};
+use crate::gait::ask_tell::{normal, uniform};
 use metamorph_protocol::rng::Rng;
 use metamorph_protocol::time::{Span, Time};
 use serde::Serialize;
@@ -41,20 +42,10 @@ pub struct Tally {
     pub median_s: Option<f64>,
 }
 
-/// Draws from the normal distribution (Box and Muller).
-fn normal(rng: &mut Rng) -> f64 {
-    // Invariant: above 0 and at most 1, so that it has a logarithm.
-    let uniform = |rng: &mut Rng| ((rng.next_u64() >> 11) + 1) as f64 / (1u64 << 53) as f64;
-    let (radius, angle) = (uniform(rng), uniform(rng));
-    (-2.0 * libm::log(radius)).sqrt() * libm::cos(TAU * angle)
-}
-
 /// Returns whether the right tile is selected, and after which time; `None` if no tile is.
 fn one(setup: &Setup, rule: Rule, filtered: bool, seed: u64) -> Option<(bool, Span)> {
     let mut rng = Rng::named(seed, "pointing", 0);
-    let between = |rng: &mut Rng, low: f64, high: f64| {
-        low + (high - low) * (rng.below(1 << 32) as f64 / 4_294_967_296.0)
-    };
+    let between = |rng: &mut Rng, low: f64, high: f64| low + (high - low) * uniform(rng);
     let angle = between(&mut rng, 0.0, TAU);
     let near = [libm::cos(angle), libm::sin(angle)].map(|x| libm::round(setup.distance_m * x / TILE));
     let aim = near.map(|x| (x + between(&mut rng, -setup.aside_tiles, setup.aside_tiles)) * TILE);
