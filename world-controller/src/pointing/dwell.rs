@@ -96,7 +96,7 @@ mod tests {
         let mut selected = Vec::new();
         for (tile, tenths) in pointed {
             for _ in 0..*tenths {
-                now = now + Span(100_000_000);
+                now += Span::millis(100);
                 selected.extend(tile.filter(|_| dwell.point(now, *tile).is_selected));
                 if tile.is_none() {
                     dwell.point(now, None);
