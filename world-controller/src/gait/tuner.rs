@@ -2,14 +2,13 @@
 //!
 //! After a failure the network is made anew without the joints of dead modules. The first gaits to try are the one of a gait
 //! file for this failure, if there is one, and the former gait as far as its joints are left. The learner begins at the
-//! faster of them. If that one is of no use any more, gaits are drawn for half of the trials, and it begins at the best.
+//! faster of them, or in the middle of the space if that one is of no use any more.
 
-use super::ask_tell::{Learner, Method, Point, Scored, anywhere};
+use super::ask_tell::{Learner, Method, Point, Scored};
 use super::space::Space;
 use metamorph_protocol::free_module::network::NetworkKind;
 use metamorph_protocol::free_module::structure::Structure;
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::rng::Rng;
 use metamorph_sim_bridge::free_module::walking::tuner::{Gait, Tuner};
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -56,8 +55,6 @@ pub struct OnlineTuner {
     space: Option<Space>,
     /// Gaits to try before the learner's.
     first: VecDeque<Gait>,
-    /// Draws gaits, if none of use was known.
-    drawn: Option<Rng>,
     /// The fastest of the gaits tried before the learner's.
     best: Option<(f64, Gait)>,
     /// The gait whose speed is awaited.
@@ -96,7 +93,6 @@ impl OnlineTuner {
             tried: 0,
             space: None,
             first: VecDeque::new(),
-            drawn: None,
             best: None,
             trying: Gait::new(),
             expected: None,
@@ -104,20 +100,14 @@ impl OnlineTuner {
         }
     }
 
-    /// Returns the next gait: drawn, while none of use is known, or of the learner, which begins at the fastest one so far.
+    /// Returns the next gait of the learner, which begins at the fastest gait so far unless that one is of no use.
     fn learnt(&mut self) -> Option<Gait> {
         let (space, method) = (self.space.as_ref()?, self.choice.method?);
-        let seed = self.choice.seed.wrapping_mul(1_000).wrapping_add(self.begun);
-        let is_of_use = |speed: f64| speed >= USELESS * self.whole.unwrap_or(0.0);
-        if self.learner.is_none() && self.drawn.is_none() {
-            let known = self.best.as_ref().is_some_and(|(speed, _)| is_of_use(*speed));
-            self.drawn = (!known).then(|| Rng::named(seed, "draw", 0));
-        }
-        if let Some(rng) = self.drawn.as_mut().filter(|_| self.tried < self.choice.trials / 2) {
-            return Some(space.gait(&anywhere(space.dimensions(), rng)));
-        }
+        let least = USELESS * self.whole.unwrap_or(0.0);
         let round = self.learner.get_or_insert_with(|| {
-            let start = self.best.as_ref().map(|(_, gait)| space.point(gait));
+            let useful = self.best.as_ref().filter(|(speed, _)| *speed >= least);
+            let start = useful.map(|(_, gait)| space.point(gait));
+            let seed = self.choice.seed.wrapping_mul(1_000).wrapping_add(self.begun);
             let learner = method.learner(space.dimensions(), seed, start);
             Round { learner, asked: VecDeque::new(), results: Vec::new() }
         });
@@ -137,7 +127,7 @@ impl Tuner for OnlineTuner {
         self.first = of_file.map(|known| known.gait.clone()).into_iter().chain(former).collect();
         self.expected = of_file.map(|known| known.speed_mm_s);
         (self.begun, self.tried) = (self.begun + 1, 1);
-        (self.space, self.best, self.drawn, self.learner) = (Some(space), None, None, None);
+        (self.space, self.best, self.learner) = (Some(space), None, None);
         self.trying = self.first.pop_front()?;
         Some(self.trying.clone())
     }
@@ -225,7 +215,7 @@ mod tests {
 
     /// A gait that is of no use after a failure does not hold the learner near it.
     #[test]
-    fn gaits_are_drawn_if_the_former_gait_is_useless() {
+    fn the_learner_begins_in_the_middle_if_the_former_gait_is_useless() {
         let (old, middle) = ([0.2; 14], [0.5; 14]);
         let of = |former| [&old, &middle].map(|from| distance_of_first_gaits(from, former));
         let ([old_if_useful, middle_if_useful], [old_if_not, middle_if_not]) = (of(20.0), of(5.0));
