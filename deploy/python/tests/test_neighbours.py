@@ -39,7 +39,7 @@ def test_a_recording_is_read_with_the_messages_of_ros_2(
     monkeypatch.chdir(tmp_path)
     exec(compile(example("mcap_ros2"), "neighbours.md", "exec"), {})
     said = capsys.readouterr().out.splitlines()
-    assert ["module_3 dead", "module_7 paused", "module_7 alive", "module_41 dead"] == [line.split(" ", 1)[1] for line in said]
+    assert [line.split(" ", 1)[1] for line in said] == ["module_3 dead", "module_7 paused", "module_41 dead", "module_7 alive"]
     with open("run.mcap", "rb") as file:
         decoded = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()]).iter_decoded_messages()
         messages = [(channel.topic, message) for _, channel, _, message in decoded]
