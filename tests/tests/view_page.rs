@@ -463,7 +463,7 @@ fn frame_rate_of_a_thousand_modules() {
     browser.call("Emulation.setDeviceMetricsOverride", size);
     browser.until("window.innerHeight === 720 && !window.page.dirty");
     // Frames as they come, then each of them awaited, so that the processor's share is known.
-    let measure = "(async (move) => { const { page } = window; const { gl } = page.drawing; \
+    let measure = "(async (move) => { const { page } = window; const { gl } = page.renderer; \
         const next = () => new Promise(requestAnimationFrame); const [gaps, js, drawn] = [[], [], []]; \
         const middle = (list) => [...list].sort((a, b) => a - b)[list.length >> 1].toFixed(1); \
         let last = await next(); \

@@ -58,15 +58,24 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; c
                       img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 /// The files of the page: name, type and content.
-const FILES: [(&str, &str, &str); 13] = [
+const FILES: [(&str, &str, &str); 22] = [
     ("", "text/html; charset=utf-8", include_str!("page/index.html")),
     ("style.css", "text/css; charset=utf-8", include_str!("page/style.css")),
     ("main.js", JS, include_str!("page/main.js")),
     ("story.js", JS, include_str!("page/story.js")),
     ("parts.js", JS, include_str!("page/parts.js")),
-    ("camera.js", JS, include_str!("page/camera.js")),
     ("figure.js", JS, include_str!("page/figure.js")),
-    ("drawing.js", JS, include_str!("page/drawing.js")),
+    ("viewpoint.js", JS, include_str!("page/viewpoint.js")),
+    ("dom.js", JS, include_str!("page/dom.js")),
+    ("look.js", JS, include_str!("page/look.js")),
+    ("keys.js", JS, include_str!("page/keys.js")),
+    ("overlay.js", JS, include_str!("page/overlay.js")),
+    ("renderer.js", JS, include_str!("page/renderer.js")),
+    ("instances.js", JS, include_str!("page/instances.js")),
+    ("shaders.js", JS, include_str!("page/shaders.js")),
+    ("cells.js", JS, include_str!("page/cells.js")),
+    ("links.js", JS, include_str!("page/links.js")),
+    ("legend.js", JS, include_str!("page/legend.js")),
     ("picture.js", JS, include_str!("page/picture.js")),
     ("timeline.js", JS, include_str!("page/timeline.js")),
     ("panel.js", JS, include_str!("page/panel.js")),

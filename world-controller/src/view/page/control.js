@@ -1,7 +1,7 @@
 // Commands to the run: only if the page was opened with the second address, whose fragment holds the secret for it. The
 // secret stays in memory: after a reload, the address must be opened again.
 
-import { make } from "./panel.js";
+import { by, make } from "./dom.js";
 
 const VERSION = 1;
 const VERBS = [
@@ -30,7 +30,7 @@ export class Control {
     this.n = 0;
     this.waiting = Promise.resolve();
     /** Called after each answer, with a text for the user. */
-    this.onAnswer = () => {};
+    this.onAnswer = (_text) => {};
   }
 
   /** Makes the buttons; `chosen` returns the module that they are for. */
@@ -39,7 +39,7 @@ export class Control {
       make("button", { type: "button", title, "data-command": verb, onclick: () => this.give(`${verb} ${chosen()}`) }, verb);
     place.replaceChildren(make("h3", {}, "commands"), make("div", { class: "commands" }, ...VERBS.map(button)), make("p", { id: "answer", role: "status" }));
     place.hidden = false;
-    this.onAnswer = (text) => (document.getElementById("answer").textContent = text);
+    this.onAnswer = (text) => (by("answer").textContent = text);
   }
 
   /** Gives a command. Commands are sent one after the other. */

@@ -11,7 +11,7 @@ function roundTime(micros) {
 }
 
 /** Returns the options of a figure that shows what the page shows. */
-export function figureOf({ story, t, camera, meaning, messages, waits, goal, dark, width, moving }) {
+export function figureOf({ story, t, camera, meaning, messages, waits, goal, only, sections, notes, dark, width, moving }) {
   const degrees = (radians) => Math.round((radians * 180) / Math.PI * 100) / 100;
   const turn = (((degrees(camera.azimuth) + 90) % 360) + 360) % 360;
   const links = [messages && "messages", waits && "waits"].filter(Boolean).join(",");
@@ -19,6 +19,9 @@ export function figureOf({ story, t, camera, meaning, messages, waits, goal, dar
   return {
     at,
     ...(moving && { every: `${roundTime(t / FRAMES)}ms` }),
+    ...(only !== "all" && { only }),
+    ...(sections.length && { section: sections.map(String).join() }),
+    ...(notes ? { title: "{t}" } : { axes: "off", scale: "off" }),
     camera: `${Math.round(turn * 100) / 100},${degrees(camera.height)}`,
     color: meaning,
     goal: goal ? "ghost" : "off",
@@ -30,7 +33,8 @@ export function figureOf({ story, t, camera, meaning, messages, waits, goal, dar
 
 /** Returns the options as they are typed. */
 export function renderLine(options, format) {
-  const words = Object.entries(options).map(([name, value]) => `--${name} ${value}`);
+  const quoted = (value) => (/[<>]/.test(value) ? `'${value}'` : value);
+  const words = Object.entries(options).map(([name, value]) => `--${name} ${quoted(value)}`);
   return `metamorph render … ${words.join(" ")} --out figure.${format}`;
 }
 

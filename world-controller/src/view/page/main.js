@@ -1,38 +1,26 @@
 // The page: reads the story, plays it, and handles buttons and keys.
 
-import { Camera } from "./camera.js";
 import { Control } from "./control.js";
-import { Drawing } from "./drawing.js";
-import { Panel, make } from "./panel.js";
+import { keyList, press } from "./keys.js";
+import { Look } from "./look.js";
+import { by, make } from "./dom.js";
+import { Panel } from "./panel.js";
 import { fetchFigure, figureOf, renderLine, saveAs } from "./figure.js";
-import { MEANINGS, Picture, TOLD, UNSEEN } from "./picture.js";
+import { MEANINGS, TOLD, UNSEEN } from "./legend.js";
+import { Picture } from "./picture.js";
+import { Renderer } from "./renderer.js";
 import { Story } from "./story.js";
 import { Timeline } from "./timeline.js";
+import { Viewpoint } from "./viewpoint.js";
 
-const by = (id) => document.getElementById(id);
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8, 16, 32, 64, 128];
 const FOLLOW_EVERY = 400;
 /** Of a page that commands the run. */
 const FOLLOW_CLOSELY = 100;
+/** Time between two requests for the messages of a module while a run is played, in milliseconds. */
+const MESSAGES_EVERY = 250;
 /** What is shown, by the link of the scene. */
 const LINKS = { sim: "simulated", ipc: "processes", plan: "a plan, one action a second" };
-
-const KEYS = [
-  ["Space", "play or pause"],
-  [", .", "a step back, a step on"],
-  ["Home End", "to the beginning, to the end"],
-  ["[ ]", "slower, faster"],
-  ["← → ↑ ↓", "turn the picture; with Shift move it aside"],
-  ["+ −", "nearer, farther"],
-  ["F", "everything in view"],
-  ["1 2 3 4", "colours: state, level of the goal, gradient, locks"],
-  ["M W G", "messages, who waits for whom, unfilled goal: on or off"],
-  ["N P", "next module, previous module"],
-  ["Esc", "choose no module"],
-  ["S", "save a figure"],
-  ["D", "light or dark"],
-  ["?", "this list"],
-];
 
 class Page {
   constructor(story) {
@@ -49,6 +37,7 @@ class Page {
     this.seen = null;
     this.clock = 0;
     this.said = 0;
+    this.heard = 0;
     this.last = null;
     this.drawnAt = null;
     this.passed = 0;
@@ -58,17 +47,18 @@ class Page {
     this.scale = 1;
     this.late = 0;
     this.setTheme(matchMedia("(prefers-color-scheme: dark)").matches);
-    this.camera = new Camera();
-    this.drawing = new Drawing(by("space"));
-    this.picture = new Picture(this.drawing, story);
+    this.camera = new Viewpoint(by("space"));
+    this.renderer = new Renderer(by("space"));
+    this.picture = new Picture(this.renderer, story);
     this.timeline = new Timeline(by("timeline"), by("head"), by("tip"), story);
     this.panel = new Panel(story, this.picture);
     this.control = story.over ? null : Control.fromAddress();
     this.control?.show(by("commands"), () => this.chosen);
+    this.redraw = () => (this.dirty = this.stale = true);
+    this.look = new Look(this);
     this.fill();
     this.listen();
-    this.fit();
-    this.redraw = () => (this.dirty = this.stale = true);
+    this.look.fit();
     this.camera.onChange = () => (this.moving = this.dirty = true);
     story.onTalk = this.redraw;
     story.onLost = (error) => this.lost(error);
@@ -94,7 +84,7 @@ class Page {
     by("meaning").append(...Object.entries(MEANINGS).map(([value, text]) => make("option", { value }, text)));
     by("speed").append(...SPEEDS.map((s) => make("option", { value: s }, `${s}×`)));
     this.setSpeed(this.story.over && !this.story.isPlan ? this.story.now / 1e6 / 40 : 1);
-    by("keylist").append(...KEYS.flatMap(([keys, text]) => [make("dt", {}, ...keys.split(" ").flatMap((k, i) => [i ? " " : "", make("kbd", {}, k)])), make("dd", {}, text)]));
+    by("keylist").append(...keyList());
     const classes = scene.classes.map((name, i) => {
       const swatch = make("i");
       swatch.style.backgroundColor = `var(--c-${name})`;
@@ -145,7 +135,6 @@ class Page {
     by("saving").addEventListener("close", () => by("saving").returnValue && this.save());
     by("speed").addEventListener("change", (e) => this.setSpeed(Number(e.target.value)));
     by("meaning").addEventListener("change", (e) => this.setMeaning(e.target.value));
-    for (const id of ["messages", "waits", "goal"]) by(id).addEventListener("change", () => this.redraw());
     by("scrub").addEventListener("input", (e) => this.seek(Number(e.target.value), true));
     by("find").addEventListener("submit", (e) => {
       e.preventDefault();
@@ -163,58 +152,14 @@ class Page {
       const y = 1 - ((e.clientY - box.top) / box.height) * 2;
       this.choose(this.picture.pick(this.camera.ray(x, y)));
     });
-    document.addEventListener("keydown", (e) => this.key(e));
+    document.addEventListener("keydown", (e) => press(this, e));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", (e) => this.setTheme(e.matches, true));
-    by("space").addEventListener("webglcontextlost", (e) => {
-      e.preventDefault();
-      this.note("The browser has taken the picture away. Reload the page.");
-    });
-  }
-
-  key(e) {
-    const typing = e.target.matches?.("input:not([type=checkbox]):not([type=range]), select, textarea");
-    if (typing || e.ctrlKey || e.metaKey || e.altKey || by("keys").open || by("saving").open) return;
-    const onScrub = e.target.id === "scrub";
-    const toggle = (id) => {
-      if (by(id).disabled) return;
-      by(id).checked = !by(id).checked;
+    // The library makes everything again when the browser gives the picture back.
+    by("space").addEventListener("webglcontextlost", () => this.note("The browser has taken the picture away."));
+    by("space").addEventListener("webglcontextrestored", () => {
+      this.note("");
       this.redraw();
-    };
-    const [turn, aside] = [0.12, 0.06];
-    const arrow = (dx, dy) => (e.shiftKey ? this.camera.pan(dx * aside, dy * aside) : this.camera.orbit(dx * turn, dy * turn));
-    const actions = {
-      " ": () => this.setPlaying(!this.playing),
-      ",": () => this.step(false),
-      ".": () => this.step(true),
-      Home: () => this.seek(0, true),
-      End: () => this.seek(this.story.now, true),
-      "[": () => this.faster(-1),
-      "]": () => this.faster(1),
-      ArrowLeft: () => arrow(-1, 0),
-      ArrowRight: () => arrow(1, 0),
-      ArrowUp: () => arrow(0, -1),
-      ArrowDown: () => arrow(0, 1),
-      "+": () => this.camera.zoom(0.9),
-      "=": () => this.camera.zoom(0.9),
-      "-": () => this.camera.zoom(1.11),
-      f: () => this.fit(),
-      m: () => toggle("messages"),
-      w: () => toggle("waits"),
-      g: () => toggle("goal"),
-      n: () => this.neighbour(1),
-      p: () => this.neighbour(-1),
-      d: () => this.setTheme(document.documentElement.dataset.theme !== "dark", true),
-      Escape: () => this.choose(null),
-      s: () => this.openSaving(),
-      "?": () => by("keys").showModal(),
-    };
-    Object.keys(MEANINGS).forEach((meaning, i) => (actions[`${i + 1}`] = () => this.setMeaning(meaning)));
-    const action = actions[e.key.length === 1 ? e.key.toLowerCase() : e.key];
-    // Buttons and the scrubber keep their own keys.
-    if (!action || (e.key === " " && e.target.matches?.("button, input"))) return;
-    if (onScrub && e.key.startsWith("Arrow")) return;
-    e.preventDefault();
-    action();
+    });
   }
 
   setTheme(dark, again = false) {
@@ -276,12 +221,6 @@ class Page {
     this.choose(this.chosen === null ? (by_ > 0 ? 0 : n - 1) : (this.chosen + by_ + n) % n);
   }
 
-  fit() {
-    const canvas = by("space");
-    this.camera.aspect = canvas.clientWidth / Math.max(canvas.clientHeight, 1);
-    this.camera.fit(this.picture.bounds.points);
-  }
-
   /** Returns the figure of what is shown, as options of `metamorph render`. */
   figure() {
     return figureOf({
@@ -289,9 +228,8 @@ class Page {
       t: this.t,
       camera: this.camera,
       meaning: this.meaning,
-      messages: by("messages").checked,
-      waits: by("waits").checked,
-      goal: by("goal").checked,
+      ...this.look.options(),
+      notes: by("notes").checked,
       dark: document.documentElement.dataset.theme === "dark",
       width: by("width").value,
       moving: ["gif", "apng"].includes(by("format").value),
@@ -306,18 +244,29 @@ class Page {
   }
 
   tellRender() {
-    by("render").textContent = renderLine(this.figure(), by("format").value);
+    const isScreen = by("format").value === "screen";
+    by("as-figure").hidden = by("wide").hidden = isScreen;
+    by("as-screen").hidden = !isScreen;
+    by("render").textContent = isScreen ? "" : renderLine(this.figure(), by("format").value);
   }
 
   async save() {
     by("save").disabled = true;
     this.note("");
     try {
-      saveAs(await fetchFigure(this.figure(), by("format").value));
+      const format = by("format").value;
+      saveAs(await (format === "screen" ? this.screen() : fetchFigure(this.figure(), format)));
     } catch (error) {
       this.note(`The figure cannot be saved: ${error.message}`);
     }
     by("save").disabled = false;
+  }
+
+  /** Returns the picture as it is. */
+  screen() {
+    const draw = () => this.picture.draw(this.camera, this.clock);
+    const entries = this.picture.legend(this.meaning, this.seen);
+    return this.look.screen(this.renderer, draw, { t: this.t, entries }).finally(() => this.redraw());
   }
 
   note(text) {
@@ -387,13 +336,13 @@ class Page {
 
   /** Sets the quality: as fast as needed in motion, as fine as possible at rest. */
   quality() {
-    const { drawing } = this;
+    const { renderer } = this;
     const ratio = Math.min(window.devicePixelRatio || 1, 2);
     clearTimeout(this.rested);
     if (this.playing || this.moving) {
-      drawing.sharpness = ratio * this.scale;
+      renderer.sharpness = ratio * this.scale;
       // Shadows are repainted only after bodies have moved.
-      drawing.shadows = !(this.playing && this.plain);
+      renderer.shadows = !(this.playing && this.plain);
       if (this.playing) return;
       // If pictures take long, the next input may be late too.
       const rest = Math.min(200 + 4 * this.passed, 2000);
@@ -402,24 +351,21 @@ class Page {
         this.dirty = true;
       }, rest);
     } else {
-      drawing.sharpness = drawing.slow ? Math.max(ratio, 2) : ratio;
-      drawing.shadows = true;
+      renderer.sharpness = renderer.slow ? Math.max(ratio, 2) : ratio;
+      renderer.shadows = true;
     }
   }
 
   show() {
     this.dirty = false;
     this.quality();
-    const options = {
-      meaning: this.meaning,
-      messages: by("messages").checked,
-      waits: by("waits").checked,
-      goal: by("goal").checked,
-      chosen: this.chosen,
-      classes: this.timeline.shown,
-    };
-    if (this.stale) this.seen = this.picture.build(this.t, options);
-    this.picture.draw(this.camera, options, this.clock);
+    const options = { meaning: this.meaning, ...this.look.options(), chosen: this.chosen, classes: this.timeline.shown };
+    if (this.stale) {
+      this.seen = this.picture.build(this.t, options);
+      this.look.follow(this.chosen);
+    }
+    this.picture.draw(this.camera, this.clock);
+    this.look.note(this.t);
     // Text is read more slowly than pictures, so it changes less often.
     const told = !this.playing || this.clock - this.said > 0.1 || this.clock < this.said;
     if (this.stale) {
@@ -444,7 +390,11 @@ class Page {
     this.panel.legend(this.meaning, seen);
     this.panel.faults();
     this.panel.module(this.chosen, this.t, seen);
-    if (!this.playing && this.chosen !== null) {
+    this.panel.moves(this.chosen, this.t);
+    // While a run is played its messages are asked for less often than pictures are drawn.
+    const since = performance.now() - this.heard;
+    if (this.chosen !== null && (!this.playing || since > MESSAGES_EVERY)) {
+      this.heard = performance.now();
       this.panel.messages(this.chosen, this.t).catch((error) => this.lost(error));
     }
     document.body.dataset.circle = [...seen.circle].join(" ");
@@ -454,9 +404,10 @@ class Page {
 const story = new Story();
 try {
   await story.begin();
+  const page = new Page(story);
   // For the console of the browser.
-  window.page = new Page(story);
-  window.page.setPlaying(false);
+  Object.assign(window, { page });
+  page.setPlaying(false);
 } catch (error) {
   document.body.dataset.state = "failed";
   by("note").hidden = false;

@@ -1,33 +1,41 @@
 // The panel beside the picture: outcome of the run, legend, the chosen module with its last messages, faults.
 // Everything that comes from a run is inserted as text, never as HTML.
 
-export const make = (tag, attributes = {}, ...inside) => {
-  const element = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) {
-    if (value === false || value === null || value === undefined) continue;
-    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
-    else element.setAttribute(name, value === true ? "" : value);
-  }
-  element.append(...inside.filter((x) => x !== null && x !== undefined));
-  return element;
-};
+import { by, make } from "./dom.js";
 
+/** Number of moves shown. */
+const MOVES = 6;
 /** Number of modules shown of those that wait at the end. */
 const SHOWN = 6;
+
+/**
+ * What the bits of a module's report mean.
+ * @type {[number, string][]}
+ */
+const FLAGS = [
+  [4, "held by a dead one"],
+  [2, "cannot move any more"],
+  [8, "knows a way to a target"],
+];
 
 const number = (n) => n.toLocaleString("en");
 const seconds = (t) => `${(t / 1e6).toFixed(2)} s`;
 
 export class Panel {
   constructor(story, picture) {
-    Object.assign(this, { story, picture });
+    this.story = story;
+    this.picture = picture;
+    /** @type {(name: string) => any} */
     this.part = (name) => document.querySelector(`[data-part="${name}"]`);
+    /** @type {(id: number) => void} */
     this.onChoose = () => {};
+    /** @type {(t: number) => void} */
     this.onSeek = () => {};
     this.asked = null;
     this.legendText = "";
     this.faultCount = -1;
     this.outcomeText = "";
+    this.movesText = null;
   }
 
   /** Makes all texts be written again. */
@@ -35,6 +43,7 @@ export class Panel {
     this.asked = null;
     this.faultCount = -1;
     this.outcomeText = "";
+    this.movesText = null;
   }
 
   /** Shows the outcome of the run, or its progress. */
@@ -46,7 +55,7 @@ export class Panel {
     const key = [text, reason, ...story.troubles].join();
     if (this.outcomeText === key) return;
     this.outcomeText = key;
-    const badge = document.getElementById("outcome");
+    const badge = by("outcome");
     badge.textContent = text;
     badge.dataset.outcome = text;
     const why = this.part("why");
@@ -82,6 +91,7 @@ export class Panel {
       ["moving", number(counts.moving)],
       ["dead", number(counts.dead)],
       ["paused", number(counts.paused)],
+      ["messages/s", this.story.scene.messages ? number(this.story.messagesPerSecond(t)) : "–"],
     ];
     const list = this.part("numbers");
     facts.forEach(([name, value], i) => {
@@ -141,11 +151,7 @@ export class Panel {
     // Messages between modules are being loaded, or not available at all.
     const untold = story.scene.messages ? "loading" : "not seen from outside";
     const target = known.gradient === null ? untold : known.gradient === 65535 ? "knows none" : `${known.gradient} ${known.gradient === 1 ? one : several}`;
-    const flags = [
-      [4, "held by a dead one"],
-      [2, "cannot move any more"],
-      [8, "knows a way to a target"],
-    ].filter(([bit]) => standing.flags & bit);
+    const flags = FLAGS.filter(([bit]) => standing.flags & bit);
     const owner = this.owner(id, talk);
     const dead = life === "dead";
     const facts = [
@@ -161,7 +167,7 @@ export class Panel {
     ].filter(([, value]) => value !== null);
     section.dataset.id = id;
     section.dataset.life = life;
-    for (const button of document.querySelectorAll("[data-command]")) button.disabled = story.over;
+    for (const button of document.querySelectorAll("[data-command]")) button.toggleAttribute("disabled", story.over);
     const name = `${words.module} ${id}`;
     if (this.part("module-name").textContent !== name) this.part("module-name").textContent = name;
     this.part("module").replaceChildren(...facts.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))));
@@ -170,6 +176,25 @@ export class Panel {
   owner(id, talk) {
     for (let i = 0; i < (talk?.locks.length ?? 0); i += 2) if (talk.locks[i] === id) return talk.locks[i + 1];
     return null;
+  }
+
+  /** Shows the last moves of the chosen module; without one, the moves that are under way. */
+  moves(id, t) {
+    const { story } = this;
+    const moves = id === null ? story.underWay(t, MOVES) : story.movesOf(id, t, MOVES);
+    const row = ({ doing, who }) => {
+      const begun = make("button", { class: "link", type: "button", onclick: () => this.onSeek(doing.t) }, seconds(doing.t));
+      const how = doing.failed ? ", which fails" : "";
+      const what = make("span", {}, `${doing.motion.name}${how}`, make("span", { class: "where" }, ` to ${doing.to.at}`));
+      return id === null ? make("li", {}, begun, this.link(who), what) : make("li", { class: "own" }, begun, what);
+    };
+    const key = moves.map(({ doing, who }) => [who, doing.t, doing.failed]).join(";") + id;
+    if (this.movesText === key) return;
+    this.movesText = key;
+    const { actions } = story.scene.words;
+    this.part("moves-section").hidden = moves.length === 0;
+    this.part("moves-title").textContent = id === null ? `${actions} under way` : `last ${actions}`;
+    this.part("moves").replaceChildren(...moves.map(row));
   }
 
   /** Shows the last messages of the chosen module, requested when the picture is at rest. */

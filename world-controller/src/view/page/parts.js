@@ -23,6 +23,7 @@ function turn([x, y, z, w], [vx, vy, vz]) {
   ];
 }
 
+/** @param {number[]} axis */
 function about([x, y, z], angle) {
   const s = Math.sin(angle / 2);
   return [x * s, y * s, z * s, Math.cos(angle / 2)];

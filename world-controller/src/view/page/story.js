@@ -44,6 +44,7 @@ export class Story {
     this.talk = new Map();
     this.asked = new Set();
     this.onTalk = () => {};
+    /** @type {(error: Error) => void} */
     this.onLost = () => {};
     this.onAnew = () => {};
   }
@@ -60,7 +61,8 @@ export class Story {
   }
 
   async begin() {
-    Object.assign(this, { scene: await this.ask("scene") });
+    /** What is known before the run begins; `beginning.rs` has its layout. */
+    this.scene = await this.ask("scene");
     this.modules = this.scene.start.map((body) => this.begun(body));
     while (await this.follow());
   }
@@ -206,6 +208,23 @@ export class Story {
     return { from, to, part, doing: part < 1 ? doing : null, motion };
   }
 
+  /** Returns the last moves of a module that have begun, the latest first. */
+  movesOf(id, t, most) {
+    const { doings } = this.modules[id];
+    const end = before(doings, t) + 1;
+    return doings.slice(Math.max(0, end - most), end).reverse().map((doing) => ({ doing, who: id }));
+  }
+
+  /** Returns moves that are under way, at most so many. */
+  underWay(t, most) {
+    const found = [];
+    for (let who = 0; who < this.modules.length && found.length < most; who++) {
+      const { doing } = this.bodyAt(who, t);
+      if (doing) found.push({ doing, who });
+    }
+    return found;
+  }
+
   /** Returns the last report of a module; its role is null before the first one. */
   standingAt(id, t) {
     const list = this.modules[id].standings;
@@ -249,6 +268,11 @@ export class Story {
   progressAt(t) {
     const [, , filled, goal] = this.totals[this.binAt(t)] ?? [[], 0, 0, 0];
     return { filled, goal };
+  }
+
+  messagesPerSecond(t) {
+    const [counts] = this.totals[this.binAt(t)] ?? [[]];
+    return Math.round(counts.reduce((a, b) => a + b, 0) / (this.width / 1e6));
   }
 
   /** Returns the messages between modules at a time; null until they are loaded, which calls `onTalk`. */

@@ -1,11 +1,11 @@
 // The timeline under the picture: progress of the goal, moves, messages by class, faults. One row each, with a
 // line at the time of the picture; a press or drag goes to a time.
 
-import { UNSEEN } from "./picture.js";
+import { UNSEEN } from "./legend.js";
 
 const ROWS = [
   { key: "filled", title: "goal", share: 0.8 },
-  { key: "moves", share: 0.8 },
+  { key: "moves", title: "", share: 0.8 },
   { key: "messages", title: "messages/s", share: 1.4 },
 ];
 const LEFT = 76;
@@ -20,6 +20,7 @@ export class Timeline {
     this.tip = tip;
     this.story = story;
     this.shown = story.scene.classes.map(() => true);
+    /** @type {(t: number) => void} */
     this.onSeek = () => {};
     this.drawn = false;
     const seek = (e) => this.onSeek(this.timeAt(e.offsetX));
