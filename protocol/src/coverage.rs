@@ -103,6 +103,7 @@ marks! {
     MetaCondemnedSpoke => "metamodule: the state of a dead one came late",
     MetaStateLate => "metamodule: a state came late or twice",
     MetaDeathTold => "metamodule: a death was told",
+    MetaSteered => "metamodule: an operator commanded",
     MetaObstacle => "metamodule: an obstacle was told",
     MetaOutranked => "metamodule: its claim was outranked",
     MetaUnreachable => "metamodule: a seed was unreachable",

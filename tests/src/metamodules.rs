@@ -281,6 +281,7 @@ impl Assembly {
             follow: self.follow,
             hands_over: true,
             round_trip: Span::ZERO,
+            operator: None,
         };
         let director = MetamoduleDirector::new(Arc::clone(&self.setup), self.start.len(), plan);
         let config = SimConfig {

@@ -2,6 +2,7 @@
 //! resumed.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
+use metamorph_protocol::rng::Rng;
 use metamorph_tests::chaos::{signal_to, wait_until};
 use metamorph_tests::command::{report, run, run_processes, scenario};
 use metamorph_tests::view::View;
@@ -113,6 +114,44 @@ fn a_resumed_run_has_had_its_commands() {
     assert_eq!(commanded(&report(&resumed.out)), ["kill 3"], "{resumed:?}");
     let replayed = run(&["replay", &journal]);
     assert_eq!(replayed.code, Some(0), "{replayed:?}");
+}
+
+/// Gives drawn commands to a run of processes, kills its controller after some of them, resumes it, and replays its journal.
+fn killed_and_resumed(seed: u64) {
+    let mut rng = Rng::named(seed, "killed session", 0);
+    let directory = tempfile::tempdir().unwrap();
+    let mut view = start(directory.path(), "ipc", &["--patience", "60s", "--seed", &seed.to_string()]);
+    let mut acknowledged = Vec::new();
+    for n in 1..=1 + rng.below(6) {
+        let verb = ["kill", "stick", "unstick", "restart"][rng.below(4) as usize];
+        let command = format!("{verb} {}", rng.below(20));
+        let mut answer = (0, Value::Null);
+        wait_until("the command to be answered", || {
+            answer = view.post(&body("a", n, &[&command]));
+            answer.0 == 200 || answer.0 == 410
+        });
+        if answer.1["result"] == "taken" {
+            acknowledged.push(command);
+        }
+    }
+    signal_to(view.process.id() as i32, Signal::KILL);
+    view.process.wait().unwrap();
+    let journal = directory.path().join("journal").display().to_string();
+    let resumed = run_processes(&["resume", &journal, "--json", "-", "--quiet"]);
+    let _ = clean();
+    // A run that was over before its controller was killed is not resumed.
+    if resumed.code != Some(2) {
+        assert_eq!(commanded(&report(&resumed.out)), acknowledged, "seed {seed}: {resumed:?}");
+    }
+    let replayed = run(&["replay", &journal]);
+    assert_eq!(replayed.code, Some(0), "seed {seed}: {replayed:?}");
+}
+
+/// `cargo test -p metamorph-tests --test commands -- --ignored`
+#[test]
+#[ignore = "takes minutes"]
+fn fifty_killed_sessions_are_resumed() {
+    (0..50).for_each(killed_and_resumed);
 }
 
 /// What programs of other users and pages of other servers can send.

@@ -10,6 +10,7 @@ use super::params::{Setup, Strategy};
 use super::phase::Phase;
 use super::plan::{JointTrial, Plan};
 use super::pose::Pose;
+use super::steering::Steering;
 use super::strategy::{Context, Decision, Policy};
 use super::view::{Own, View};
 use crate::agent::{Agent, Birth, Input, InputOf, OutputOf, Summary};
@@ -91,6 +92,7 @@ impl Agent for Metamodule {
                 filled: SeedSet::default(),
                 settled: None,
                 stuck: None,
+                steered: None,
                 quarantine_until,
             },
             neighbours: NeighbourTable::new(Self::PORTS),
@@ -268,7 +270,9 @@ impl Metamodule {
                 self.try_joints(now);
             }
         } else {
-            match self.with_policy(now, |policy, cx| policy.look(cx, next_expiry)) {
+            let steered = self.steer(now, next_expiry);
+            let look = |policy: &mut Policy, cx: &mut Context<'_>| policy.look(cx, next_expiry);
+            match steered.unwrap_or_else(|| self.with_policy(now, look)) {
                 Decision::Ask(plan) => self.ask(now, plan),
                 Decision::Wait(until) => self.phase = idle(until),
                 Decision::WaitFor(first, until) => {
@@ -306,6 +310,8 @@ impl Metamodule {
         }
         let own = &mut self.own;
         (own.task, own.open, own.filled) = (task, SeedSet::default(), SeedSet::default());
+        // The seed that it was to take belongs to the task before.
+        own.steered.take_if(|s| matches!(s.steering, Steering::Take(_)));
         self.with_policy(now, |policy, cx| policy.on_task(cx));
         let was_settled = self.own.settled.take().is_some();
         let settled = self.view(now).seed_filled_in(self.own.pose).filter(|_| was_settled);

@@ -14,7 +14,7 @@ impl Metamodule {
         // Taken apart in full, so that a new part has to be put where it belongs.
         let Metamodule { setup: _, own, neighbours, locks: _, requester, phase, policy, detector, out } =
             self;
-        let Own { id, pose, task, open, filled, settled, stuck, quarantine_until } = own;
+        let Own { id, pose, task, open, filled, settled, stuck, steered, quarantine_until } = own;
         let Requester { token, waiting_since, rest_until, waits_for, prevented, rng } = requester;
         let hasher = &mut Portable::new(hasher);
         (id, pose).hash(hasher);
@@ -24,6 +24,8 @@ impl Metamodule {
         phase.digest(hasher);
         (stuck, token, waiting_since, rest_until, quarantine_until).hash(hasher);
         (out.sequence(), prevented, waits_for, detector, rng).hash(hasher);
+        // Without commands the hash is that of a swarm that knows none.
+        steered.iter().for_each(|steered| steered.hash(hasher));
     }
 
     /// All that is kept of each neighbour, by port.

@@ -116,7 +116,7 @@ impl Metamodule {
     fn settle(&mut self, now: Time) {
         // The task may have changed on the way.
         if let Some(seed) = self.view(now).seed_filled_in(self.own.pose) {
-            self.own.settled = Some(seed);
+            (self.own.settled, self.own.steered) = (Some(seed), None);
             self.own.filled = self.own.filled.with(seed);
         }
         self.retire(now);

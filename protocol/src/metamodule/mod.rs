@@ -13,6 +13,7 @@
 //! * `locks` — what has been granted, and what is asked for, with leases;
 //! * `phase`, `plan` — what the metamodule does now, and one motion;
 //! * `strategy` — what to do next, with the state of the strategy;
+//! * `steering` — what an operator commands instead;
 //! * `detector` — finding out that no metamodule can go on;
 //! * `outbox` — telling neighbours and the world-controller;
 //! * `view` — what the parts read: the module itself and the parts above, at the time of the step.
@@ -47,6 +48,7 @@ pub mod planning;
 pub mod pose;
 mod queries;
 pub mod start;
+pub mod steering;
 pub mod strategy;
 mod view;
 

@@ -9,6 +9,7 @@ use super::neighbour_table::NeighbourTable;
 use super::params::{Params, SeedAuthority, Setup};
 use super::planning::paths::Ground;
 use super::pose::Pose;
+use super::steering::Steered;
 use crate::defects::Defect;
 use crate::ids::ModuleId;
 use crate::lattice::Cell;
@@ -29,6 +30,8 @@ pub(super) struct Own {
     pub settled: Option<u8>,
     /// When stuck joints are tried again; `None` if no joint is stuck.
     pub stuck: Option<Time>,
+    /// What an operator has commanded, until when.
+    pub steered: Option<Steered>,
     /// Before this time a restarted agent neither requests nor grants a lock: an earlier incarnation may have granted
     /// a lock that still holds.
     pub quarantine_until: Time,

@@ -31,7 +31,7 @@ impl FaultInjector {
     ///
     /// # Errors
     /// Returns what is wrong with the input: it is of another kind, a fault hits none of `modules` modules and is none of
-    /// `world`, it would end a pause that there is not, or its time is past.
+    /// `world`, it would end a pause that there is not, it steers a module, or its time is past.
     pub fn input(
         &mut self,
         now: Time,
@@ -39,6 +39,24 @@ impl FaultInjector {
         bytes: &[u8],
         modules: usize,
         world: &[&'static WorldFault],
+    ) -> Result<(), String> {
+        self.input_if(now, kind, bytes, modules, world, |fault| match fault {
+            Fault::Steer(..) => Err("modules of this family are not steered".to_owned()),
+            _ => Ok(()),
+        })
+    }
+    /// Like [`FaultInjector::input`], for a family with rules of its own: `rule` returns the one that refuses a command.
+    ///
+    /// # Errors
+    /// As there, or what `rule` returns.
+    pub fn input_if(
+        &mut self,
+        now: Time,
+        kind: &str,
+        bytes: &[u8],
+        modules: usize,
+        world: &[&'static WorldFault],
+        rule: impl Fn(&Fault) -> Result<(), String>,
     ) -> Result<(), String> {
         if kind != COMMAND_INPUT {
             return Err(format!("this director takes no input of kind `{kind}`"));
@@ -52,6 +70,7 @@ impl FaultInjector {
         if let Some(id) = faults.iter().find_map(missing) {
             return Err(format!("there is no module {id}; they are numbered from 0 to {}", modules - 1));
         }
+        faults.iter().try_for_each(rule)?;
         // Faults that are due before these may not have been injected yet.
         let before = self.schedule.iter().skip(self.next).take_while(|other| other.at <= at);
         let mut paused = self.paused.clone();
@@ -65,6 +84,10 @@ impl FaultInjector {
         let by = Origin::Operator(operator);
         faults.into_iter().for_each(|fault| self.schedule.insert(self.next, Scheduled { at, fault, by }));
         Ok(())
+    }
+    /// Schedules a command that takes effect now.
+    pub fn command(&mut self, now: Time, fault: Fault, operator: u16) {
+        self.schedule.insert(self.next, Scheduled { at: now, fault, by: Origin::Operator(operator) });
     }
     /// Returns the next fault that is due.
     pub fn due(&mut self, now: Time) -> Option<Fault> {
@@ -109,8 +132,12 @@ impl FaultInjector {
                 self.restarted += 1;
                 commands.push_back(Command::Restart(id));
             }
-            // The first two hit bodies, the next the world; the last has happened already.
-            Fault::Stick(_) | Fault::Unstick(_) | Fault::World(..) | Fault::External(_) => {}
+            // The first two hit bodies, the next an agent and the world; the last has happened already.
+            Fault::Stick(_)
+            | Fault::Unstick(_)
+            | Fault::Steer(..)
+            | Fault::World(..)
+            | Fault::External(_) => {}
         }
     }
     /// Notes that a process was killed, stopped or continued from outside; `found` describes its state.

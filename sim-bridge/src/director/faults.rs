@@ -1,6 +1,7 @@
 //! Faults as data. A fault schedule is a value of its own, separate from the run that it is injected into, so
 //! that it can be printed, repeated and shrunk.
 
+use crate::director::steering::{LONGEST_LEASE, Steering, read_cell, read_shift};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::Time;
@@ -15,6 +16,8 @@ pub struct WorldFault {
     pub name: &'static str,
     /// True if it makes things worse, rather than ending another fault.
     pub harms: bool,
+    /// True if it is told by how far, rather than where.
+    pub shifts: bool,
 }
 
 /// What a [`WorldFault`] hits.
@@ -22,12 +25,15 @@ pub struct WorldFault {
 pub enum Target {
     /// A cell.
     Cell(Cell),
+    /// A distance along x and y.
+    Shift(i16, i16),
 }
 
 impl fmt::Display for Target {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Target::Cell(cell) => cell.fmt(f),
+            Target::Shift(x, y) => write!(f, "[{x}, {y}]"),
         }
     }
 }
@@ -47,6 +53,9 @@ pub enum Fault {
     Stick(ModuleId),
     /// The joint is free again.
     Unstick(ModuleId),
+    /// An operator tells a module what to do; only some families obey, and no schedule of a scenario contains this but as a
+    /// command.
+    Steer(ModuleId, Steering),
     /// Something happens to the world that only some families know.
     World(&'static WorldFault, Target),
     /// A process was killed, stopped or continued from outside the run; no schedule contains this.
@@ -63,6 +72,7 @@ impl Fault {
             | Fault::Restart(id)
             | Fault::Stick(id)
             | Fault::Unstick(id)
+            | Fault::Steer(id, _)
             | Fault::External(id) => id,
             Fault::World(..) => return None,
         })
@@ -71,7 +81,7 @@ impl Fault {
     pub const fn harms(self) -> bool {
         match self {
             Fault::World(kind, _) => kind.harms,
-            _ => !matches!(self, Fault::Resume(_) | Fault::Unstick(_)),
+            _ => !matches!(self, Fault::Resume(_) | Fault::Unstick(_) | Fault::Steer(..)),
         }
     }
 }
@@ -84,23 +94,30 @@ impl Fault {
     /// Returns what is wrong with the text, and how to write it.
     pub fn parse(text: &str, world: &[&'static WorldFault]) -> Result<Fault, String> {
         let form = || {
-            let verbs: Vec<&str> = VERBS.iter().copied().chain(world.iter().map(|kind| kind.name)).collect();
+            let verbs =
+                VERBS.iter().copied().chain(Steering::VERBS).chain(world.iter().map(|kind| kind.name));
+            let verbs: Vec<&str> = verbs.collect();
             let verbs = verbs.join(", ");
             format!("`{text}` is no fault; write one of {verbs}, and what it hits, such as `kill 7`")
         };
         let (verb, target) = text.trim().split_once(' ').ok_or_else(form)?;
         if let Some(kind) = world.iter().find(|kind| kind.name == verb) {
-            let inside =
-                target.trim().strip_prefix('[').and_then(|t| t.strip_suffix(']')).ok_or_else(form)?;
-            let numbers: Result<Vec<i16>, _> = inside.split(',').map(|n| n.trim().parse()).collect();
-            return match numbers.as_deref() {
-                Ok(&[x, y, z])
-                    if [x, y, z].iter().all(|n| n.unsigned_abs() <= Cell::LIMIT.unsigned_abs()) =>
-                {
-                    Ok(Fault::World(kind, Target::Cell(Cell { x, y, z })))
-                }
-                _ => Err(form()),
+            let target = match kind.shifts {
+                true => read_shift(target).map(|(x, y)| Target::Shift(x, y)),
+                false => read_cell(target).map(Target::Cell),
             };
+            return Ok(Fault::World(kind, target.ok_or_else(form)?));
+        }
+        if Steering::VERBS.contains(&verb) {
+            let (id, rest) = target.trim().split_once(' ').unwrap_or((target.trim(), ""));
+            let id = ModuleId(id.parse().map_err(|_| form())?);
+            let how = || {
+                format!(
+                    "`{text}` is no command; write `goto 3 [4, 5, 0] for 30s`, `take 3 0`, `hold 3 for 30s` or `release 3`, for \
+                     at most {LONGEST_LEASE}"
+                )
+            };
+            return Ok(Fault::Steer(id, Steering::parse(verb, rest).ok_or_else(how)?));
         }
         let id = ModuleId(target.trim().parse().map_err(|_| form())?);
         Ok(match verb {
@@ -136,6 +153,7 @@ impl fmt::Display for Fault {
             Fault::Restart(id) => write!(f, "restart {id}"),
             Fault::Stick(id) => write!(f, "stick {id}"),
             Fault::Unstick(id) => write!(f, "unstick {id}"),
+            Fault::Steer(id, steering) => write!(f, "{} {id}{steering}", steering.verb()),
             Fault::World(kind, target) => write!(f, "{} {target}", kind.name),
             Fault::External(id) => write!(f, "external {id}"),
         }

@@ -3,8 +3,11 @@
 pub mod commands;
 pub mod fault_injector;
 pub mod faults;
+pub mod operator;
 pub mod outcome;
 pub mod port;
 pub mod progress;
 pub mod proof;
 pub mod reason;
+pub mod steering;
+pub mod team;

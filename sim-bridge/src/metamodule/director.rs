@@ -3,14 +3,17 @@
 
 mod diagnosis;
 mod elements;
+mod injection;
+pub mod picture;
 mod plan_execution;
 
 use crate::director::fault_injector::FaultInjector;
-use crate::director::faults::{Fault, FaultRecord, Schedule, Target};
+use crate::director::faults::{Fault, FaultRecord, Schedule};
+use crate::director::operator::{Habits, Operator};
 use crate::director::outcome::{Outcome, Stall};
 use crate::director::port::DirectorPort;
 use crate::director::progress::{Progress, Stage, Stop};
-use crate::metamodule::faults::{OBSTACLE, OBSTACLE_GONE};
+use crate::metamodule::faults::{COMMANDS, OBSTACLE, OBSTACLE_GONE};
 use crate::metamodule::relocation::{Elsewhere, Shift, Trials, clear_places};
 use crate::metamodule::world::MetamoduleWorld;
 use metamorph_protocol::ids::ModuleId;
@@ -24,7 +27,7 @@ use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
 use plan_execution::PlanExecution;
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
 pub use plan_execution::{PLANNING_RATE, PlanCounts};
@@ -34,6 +37,8 @@ pub use plan_execution::{PLANNING_RATE, PlanCounts};
 struct Known {
     alive: bool,
     status: Option<Status>,
+    /// When it last moved, or came to its place.
+    progress: Time,
 }
 
 /// The course of a run.
@@ -57,6 +62,8 @@ pub struct MetamodulePlan {
     pub hands_over: bool,
     /// How long an order and the report of its result are under way at most.
     pub round_trip: Span,
+    /// The scripted operator, with the seed of what it draws.
+    pub operator: Option<(Habits, u64)>,
 }
 
 /// The director of a swarm of metamodules.
@@ -100,6 +107,9 @@ pub struct MetamoduleDirector {
     alarms: u32,
     /// The execution of plans under the strategy `planned`; `None` under the others.
     execution: Option<PlanExecution>,
+    operator: Option<Operator>,
+    /// The ends of the leases of what metamodules are commanded.
+    leases: BTreeMap<ModuleId, Time>,
 }
 
 /// Creates the entry of a new goal. Its `known` stays `None`, since no agent counts the filled seeds.
@@ -143,6 +153,8 @@ impl MetamoduleDirector {
             follow: plan.follow,
             detected: None,
             alarms: 0,
+            leases: BTreeMap::new(),
+            operator: plan.operator.map(|(habits, seed)| Operator::new(habits, 1, seed)),
             execution: is_planned.then(|| PlanExecution::new(plan.hands_over, plan.round_trip)),
         }
     }
@@ -218,55 +230,6 @@ impl MetamoduleDirector {
         if self.outcome.is_none() {
             self.outcome = Some((now, outcome));
             self.commands.push_back(Command::Finish);
-        }
-    }
-
-    /// Describes the state of a metamodule at the moment of a fault.
-    fn found(&self, id: ModuleId, world: &MetamoduleWorld) -> String {
-        let known = self.known[id.index()];
-        let doing = match known.status {
-            _ if !known.alive => "dead",
-            Some(s) if s.settled.is_some() => "settled",
-            _ => "free",
-        };
-        let acting = if world.is_acting(id) { ", acting" } else { "" };
-        format!("it was {doing} at {}{acting}", world.pose(id).state)
-    }
-
-    fn inject(&mut self, now: Time, fault: Fault, world: &mut MetamoduleWorld) {
-        // A fault or its end may resolve a standstill.
-        self.last_deed = now;
-        let Some(id) = fault.module() else { return self.strike_cell(now, fault, world) };
-        let (alive, effect) = (self.known[id.index()].alive, self.found(id, world));
-        self.faults.inject(now, fault, alive, effect, &mut self.commands);
-        match fault {
-            Fault::Stick(_) => world.set_stuck(id, true),
-            Fault::Unstick(_) => world.set_stuck(id, false),
-            _ => {}
-        }
-    }
-
-    fn strike_cell(&mut self, now: Time, fault: Fault, world: &mut MetamoduleWorld) {
-        let (cell, there, done) = match fault {
-            Fault::World(&OBSTACLE, Target::Cell(cell)) => (cell, true, world.block(cell)),
-            Fault::World(&OBSTACLE_GONE, Target::Cell(cell)) => (cell, false, world.unblock(cell)),
-            _ => {
-                let effect = "metamodules have no such fault".to_owned();
-                return self.faults.inject(now, fault, false, effect, &mut self.commands);
-            }
-        };
-        let effect = match (there, done) {
-            (true, true) => "the cell was free",
-            (true, false) => "a metamodule is in the cell, so nothing came into it",
-            (false, true) => "the obstacle is gone",
-            (false, false) => "there was no obstacle",
-        };
-        self.faults.inject(now, fault, false, format!("{cell}: {effect}"), &mut self.commands);
-        if done {
-            self.obstacles = world.obstacles().iter().copied().chain(world.resting()).collect();
-            self.order_all(Order::Obstacle { cell, there });
-            self.disturb();
-            self.relocate(now, world);
         }
     }
 
@@ -468,19 +431,24 @@ impl MetamoduleDirector {
             return self.finish(now, Outcome::Built);
         }
         let cut = now < self.stop.planned_until;
-        let planned = self.faults.is_pending() || !self.changes.is_empty() || cut;
+        let attended = self.operator.as_ref().is_some_and(|operator| operator.attends(0));
+        // The end of a lease may resolve a standstill.
+        let leased = self.leases.values().copied().max().unwrap_or(Time::ZERO);
+        let planned = self.faults.is_pending() || !self.changes.is_empty() || cut || attended || now < leased;
         if !planned && self.is_stranded(world) && self.move_away(now, world) {
             return;
         }
-        let idle_since = self.last_deed.max(self.last_fill).max(self.stop.planned_until);
+        // An operator may help a swarm that has found out that it cannot go on.
+        let follows = self.follow && self.operator.is_none();
+        let idle_since = self.last_deed.max(self.last_fill).max(self.stop.planned_until).max(leased);
         if now >= self.stop.timeout {
             self.stall = Some(self.explain(idle_since, world));
             self.finish(now, Outcome::Timeout);
         } else if planned {
             // Further events are planned.
-        } else if now.since(idle_since) > self.stop.stall || (self.follow && self.detected.is_some()) {
+        } else if now.since(idle_since) > self.stop.stall || (follows && self.detected.is_some()) {
             self.stand_still(now, idle_since, Outcome::Deadlock, world);
-        } else if now.since(self.last_fill.max(self.stop.planned_until)) > self.stop.livelock {
+        } else if now.since(self.last_fill.max(self.stop.planned_until).max(leased)) > self.stop.livelock {
             self.stand_still(now, self.last_fill, Outcome::Livelock, world);
         }
     }
@@ -507,6 +475,10 @@ impl MetamoduleDirector {
 
 impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
     fn report(&mut self, now: Time, id: ModuleId, report: Status) {
+        let place = |status: Status| (status.pose, status.settled);
+        if self.known[id.index()].status.is_none_or(|before| place(before) != place(report)) {
+            self.known[id.index()].progress = now;
+        }
         let before = self.known[id.index()].status.replace(report);
         self.alarms += u32::from(report.deadlocked && !before.is_some_and(|s| s.deadlocked));
         match (report.deadlocked, self.detected) {
@@ -534,8 +506,11 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
         let found = self.found(id, world);
         self.faults.external(now, id, what, &found);
     }
-    fn started(&mut self, _now: Time, id: ModuleId) {
-        let before = std::mem::replace(&mut self.known[id.index()], Known { alive: true, status: None });
+    fn started(&mut self, now: Time, id: ModuleId) {
+        let before = std::mem::replace(
+            &mut self.known[id.index()],
+            Known { alive: true, status: None, progress: now },
+        );
         self.prevented_before += before.status.map_or(0, |s| u64::from(s.prevented));
         self.untold.remove(&id);
         self.trials.forget();
@@ -560,6 +535,7 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
         }
         // Processes on the process link are not up at time zero.
         world.set_failure(self.failure);
+        self.operate(now, world);
         while let Some(fault) = self.faults.due(now) {
             self.inject(now, fault, world);
         }
@@ -578,7 +554,13 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
         if self.outcome.is_some() {
             return Err("the run is over".to_owned());
         }
-        self.faults.input(now, kind, bytes, self.known.len(), &[&OBSTACLE, &OBSTACLE_GONE])
+        let world = [[&OBSTACLE, &OBSTACLE_GONE].as_slice(), &COMMANDS].concat();
+        // The rules read all but the injector.
+        let mut faults = std::mem::take(&mut self.faults);
+        let taken =
+            faults.input_if(now, kind, bytes, self.known.len(), &world, |fault: &Fault| self.rule(fault));
+        self.faults = faults;
+        taken
     }
 
     fn wake_at(&self) -> Time {
@@ -586,8 +568,9 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
             return Time::NEVER;
         }
         let change = self.changes.front().map_or(Time::NEVER, |(at, _)| *at);
+        let operator = self.operator.as_ref().map_or(Time::NEVER, Operator::wake_at);
         let plan = self.execution.as_ref().map_or(Time::NEVER, PlanExecution::ready_at);
-        self.faults.next_at().min(change).min(self.next_check).min(self.stop.timeout).min(plan)
+        self.faults.next_at().min(change).min(self.next_check).min(self.stop.timeout).min(plan).min(operator)
     }
 
     fn poll(&mut self) -> Option<Command<Order>> {

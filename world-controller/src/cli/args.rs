@@ -207,7 +207,7 @@ pub struct ReproduceArgs {
     /// Which tables and figures
     #[arg(value_enum, required = true, value_name = "EXPERIMENT")]
     pub experiments: Vec<Experiment>,
-    /// Random starts for every kind, strategy and order of seeds
+    /// Random starts for every kind, strategy and order of seeds; of e, ten times the swarms of a row
     #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub seeds: u64,
     /// Gait files of `learn`, for thesis-7: their learning curves beside table 7.5 (several by commas).
@@ -401,6 +401,9 @@ pub struct PlanArgs {
     /// Set a value in the scenario, for example link.loss=5% or goal.0.growth=solid (repeatable)
     #[arg(long, value_name = "KEY=VALUE", allow_hyphen_values = true)]
     pub set: Vec<String>,
+    /// Give the swarm an operator who helps it when it is stuck (metamodules). Default: the scenario's, or none
+    #[arg(long, value_enum, value_name = "KIND")]
+    pub operator: Option<OperatorArg>,
     /// Divide the swarm among several hosts: their number, for daemons that this command starts on this machine, or a
     /// file that names running ones (see `metamorph host --help`). Default: the scenario's, or one
     #[arg(long, value_name = "N|FILE", value_parser = hosts)]
@@ -408,6 +411,13 @@ pub struct PlanArgs {
     /// Scenario seconds per real second on `ipc`; `sim` is always as fast as possible
     #[arg(long, value_name = "X", help = left_out("Scenario seconds per real second on `ipc`; `sim` is always as fast as possible", TIME_SCALE), allow_hyphen_values = true)]
     pub time_scale: Option<String>,
+}
+
+/// The kind of operator, as typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum OperatorArg {
+    /// A program
+    Scripted,
 }
 
 /// The link, as typed.
@@ -441,6 +451,8 @@ impl From<PlanArgs> for (PathBuf, Overrides) {
             option: "--set",
             text: format!("link.between_hosts.hosts={}", hosts.count),
         });
+        let scripted = |OperatorArg::Scripted| "operator.kind=scripted".to_owned();
+        let operator = args.operator.map(scripted).map(|text| Setting { option: "--operator", text });
         let set = args.set.into_iter().map(|text| Setting { option: "--set", text });
         let overrides = Overrides {
             link: match args.link {
@@ -456,7 +468,7 @@ impl From<PlanArgs> for (PathBuf, Overrides) {
             duplicate: args.dup,
             reorder: args.reorder,
             time_scale: args.time_scale,
-            settings: set.chain(hosts).collect(),
+            settings: operator.into_iter().chain(set).chain(hosts).collect(),
         };
         (args.scenario, overrides)
     }

@@ -59,6 +59,9 @@ fn write_all(out: &mut String, r: &Report, words: &Words, paint: Paint) -> std::
         write_unbuilt(out, unbuilt, words, paint)?;
     }
     write_faults(out, r, paint)?;
+    if let Some(operator) = &r.operator {
+        writeln!(out, "  operator    {}", operator.text())?;
+    }
     for note in &r.notes {
         writeln!(out, "  note: {note}")?;
     }

@@ -7,6 +7,7 @@ pub mod family_part;
 pub mod hosts;
 mod human;
 pub mod message_timeline;
+pub mod operator;
 mod over_time;
 pub mod page;
 pub mod plot_file;
@@ -131,6 +132,7 @@ pub fn report(facts: &Facts<'_>) -> Report {
         controller: facts.control.map(|ControlCounts { orders, reports, bytes, lost }| {
             schema::ControllerReport { orders, reports, bytes, lost }
         }),
+        operator: account.operator.clone(),
         hosts: HostsReport::of(plan, &facts.crossings),
         time: Times {
             virtual_s: facts.now.as_secs_f64(),

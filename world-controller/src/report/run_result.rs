@@ -1,6 +1,7 @@
 //! The results of world and director at the end of a run, from which reports are made.
 
 use crate::report::family_part::FamilyPart;
+use crate::report::operator::OperatorReport;
 use crate::report::prospect::Prospect;
 use crate::report::schema::{MoveReport, StageReport};
 use metamorph_protocol::time::Time;
@@ -52,6 +53,8 @@ pub struct RunResult {
     pub bodies: MoveReport,
     /// The number of moves completed, as the family counts moves.
     pub moves: u64,
+    /// The scripted operator, if there was one.
+    pub operator: Option<OperatorReport>,
     /// The results that only this family has.
     pub family_part: Option<FamilyPart>,
 }

@@ -3,6 +3,7 @@
 
 use super::family_part::FamilyText;
 use super::hosts::HostsReport;
+use super::operator::OperatorReport;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -67,6 +68,9 @@ pub struct Report {
     /// Orders and reports, which are among the messages before; null on `ipc`, where they are not told apart.
     #[serde(default)]
     pub controller: Option<ControllerReport>,
+    /// The scripted operator, and the measures of the team; null without one.
+    #[serde(default)]
+    pub operator: Option<OperatorReport>,
     /// The hosts, and what crossed between them; null if there was one host only.
     #[serde(default)]
     pub hosts: Option<HostsReport>,

@@ -93,10 +93,15 @@ fn config<R: Runnable>(plan: &Plan) -> SimConfig<<R::World as World>::Agent> {
     }
 }
 
+/// Creates the simulation of a plan, for a program that runs it itself.
+pub fn simulation<R: Runnable>(plan: &Plan) -> Sim<R::World, R::Director> {
+    let swarm = plan.swarm.own::<R>();
+    Sim::new(config::<R>(plan), swarm.world(plan), swarm.director(plan))
+}
+
 impl<R: Runnable> Run<R, R::World, R::Director> {
     fn plain(plan: &Plan, since: Stopwatch) -> Self {
-        let swarm = plan.swarm.own::<R>();
-        let sim = Sim::new(config::<R>(plan), swarm.world(plan), swarm.director(plan));
+        let sim = simulation::<R>(plan);
         Run::begin(plan, since, sim, |w| w, |d| d)
     }
 }

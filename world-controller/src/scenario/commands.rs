@@ -48,8 +48,7 @@ fn read_one(
         };
         diagnostics.note(&operator.place, u16::try_from(operator.value).map_err(|_| range()))
     });
-    let world: Vec<&WorldFault> =
-        family.world_faults().iter().flat_map(|kind| [kind.begin, kind.end]).collect();
+    let world = family.commanded_to_world();
     let faults = match section.node("do") {
         None => {
             section.missing("do", "do = [\"kill 3\"]", diagnostics);
@@ -120,7 +119,10 @@ pub fn write(all: &[Commands]) -> String {
 pub fn schema() -> Definitions {
     let command = json!({
         "type": "string",
-        "pattern": r"^\s*((kill|pause|resume|restart|stick|unstick) \d+|(block|unblock) \[.*\])\s*$",
+        "pattern": concat!(
+            r"^\s*((kill|pause|resume|restart|stick|unstick|release) \d+|(goto|take|hold) \d+ ?.*",
+            r"|(block|unblock|goal\.move) \[.*\])\s*$",
+        ),
     });
     vec![(
         "command",
@@ -131,7 +133,8 @@ pub fn schema() -> Definitions {
                 "at": of("time"),
                 "operator": or(OPERATOR, json!({ "type": "integer", "minimum": 0, "maximum": u16::MAX })),
                 "do": said(
-                    "Each is a fault of a module or of a cell, or the end of one, such as `kill 3`.",
+                    "Each is a fault of a module or of a cell, the end of one, or what a module or the goal is to do, such as \
+                     `kill 3` or `goto 3 [4, 5, 0] for 30s`.",
                     json!({ "type": "array", "minItems": 1, "maxItems": MOST_COMMANDS, "items": command }),
                 ),
             }),

@@ -52,6 +52,19 @@ pub trait ScenarioFamily: Sync {
     fn world_faults(&self) -> &'static [WorldFaultKind] {
         &[]
     }
+    /// Returns true if a scripted operator knows what helps its swarms.
+    fn is_operated(&self) -> bool {
+        false
+    }
+    /// Returns what operators can command besides faults, and not to one module.
+    fn world_commands(&self) -> &'static [&'static WorldFault] {
+        &[]
+    }
+    /// Returns all that an operator can command and that hits no module.
+    fn commanded_to_world(&self) -> Vec<&'static WorldFault> {
+        let faults = self.world_faults().iter().flat_map(|kind| [kind.begin, kind.end]);
+        faults.chain(self.world_commands().iter().copied()).collect()
+    }
 }
 
 /// A `[[fault]]` kind that only some families have: it hits the world rather than a module.

@@ -21,6 +21,7 @@ pub mod faults;
 pub mod hosts;
 mod hosts_summary;
 pub mod mesh_import;
+pub mod operator;
 pub mod plan;
 pub mod plan_summary;
 pub mod raw;
@@ -44,6 +45,7 @@ use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_sim_bridge::director::faults::Schedule;
 use metamorph_sim_bridge::director::progress::Stop;
+use operator::OperatorPlan;
 pub use plan::LinkChange;
 use serde::{Deserialize, Serialize};
 use settings::Setting;
@@ -163,6 +165,8 @@ pub struct Plan {
     pub schedule: Schedule,
     /// The end conditions of the run.
     pub stop: Stop,
+    /// The scripted operator, if there is one.
+    pub operator: Option<OperatorPlan>,
     /// True if messages are lost so often that the default bound for a deadlock may be too short.
     pub is_beyond: bool,
     /// Scenario seconds per second on the process link.

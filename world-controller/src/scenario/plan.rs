@@ -68,6 +68,7 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
         stop.planned_until = ends.max().unwrap_or(Time::ZERO).min(stop.timeout);
     }
     swarm.check_end(stop.timeout.since(Time::ZERO), diagnostics);
+    let operator = raw.operator.as_ref().map(|operator| operator.compile(diagnostics));
     let time_scale = time_scale(raw, diagnostics);
     if !diagnostics.is_empty() {
         return None;
@@ -87,6 +88,7 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
         schedule: faults::draw(&faults, raw.seed),
         faults: faults.into(),
         stop,
+        operator,
         is_beyond: raw.stall.is_none() && passage.is_beyond(&draft.patience.bounds),
         time_scale,
     })

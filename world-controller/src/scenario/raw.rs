@@ -7,6 +7,7 @@ use super::error::{MAX_GOALS, ScenarioError, VERSION};
 use super::family::{RawSwarm, SectionKind, Sections};
 use super::faults::{self, RawFault, Verb};
 use super::hosts::RawHosts;
+use super::operator::RawOperator;
 use super::table::{Delay, Node, Section, delay, elements};
 use super::{LinkKind, Overrides};
 use metamorph_protocol::link::LinkModel;
@@ -90,6 +91,8 @@ pub struct Raw {
     pub faults: Vec<RawFault>,
     /// The commands of operators.
     pub commands: Vec<RawCommands>,
+    /// The scripted operator.
+    pub operator: Option<RawOperator>,
     /// The time-out of the run.
     pub timeout: Option<At<Span>>,
     /// The bound for a standstill.
@@ -158,6 +161,15 @@ impl Raw {
         if let Some(node) = top.node("command") {
             raw.commands = commands::read(node, family, diagnostics);
         }
+        if let Some(node) = top.node("operator") {
+            raw.operator = RawOperator::read(node, diagnostics);
+            let place = raw.operator.iter().find(|_| !family.is_operated()).map(|raw| raw.place.clone());
+            if let Some(place) = place {
+                let what = format!("a scripted operator of the family `{}`", family.name());
+                let instead = "remove [operator], and give commands by the page or in [[command]]";
+                diagnostics.add(place, ScenarioError::NotYet { what, instead });
+            }
+        }
         if let Some(node) = top.node("stop") {
             raw.read_stop(node, diagnostics);
         }
@@ -179,6 +191,7 @@ impl Raw {
             time_scale: None,
             faults: Vec::new(),
             commands: Vec::new(),
+            operator: None,
             timeout: None,
             stall: None,
             livelock: None,

@@ -13,6 +13,7 @@ use super::error::{MAX_GOALS, VERSION};
 use super::family::{Families, FamilySchema, ScenarioFamily, fault_keys};
 use super::faults;
 use super::hosts;
+use super::operator;
 use super::plan::{NEVER, TIME_SCALE};
 use super::raw::SEED;
 use super::shapes::{AXES, PARTS, THIN, UPS, VOIDS};
@@ -58,6 +59,7 @@ pub fn schema(families: Families) -> Value {
                 "Commands of operators to the run.",
                 or(json!([]), json!({ "type": "array", "items": of("command") })),
             ),
+            "operator": said("A scripted operator; if left out, none.", of("operator")),
             "stop": or(json!({}), of("stop")),
         },
         "$defs": definitions(families),
@@ -88,6 +90,7 @@ fn definitions(families: Families) -> Value {
         .chain(commands::schema())
         .chain(hosts::schema())
         .chain(controller_link::schema())
+        .chain(operator::schema())
         .chain(shapes())
     {
         all.insert(name.to_owned(), value);

@@ -53,6 +53,24 @@ struct Posted {
     commands: Vec<String>,
 }
 
+impl Posted {
+    /// Reads the body of a request.
+    fn read(body: &[u8]) -> Result<Posted, String> {
+        let posted: Posted =
+            serde_json::from_slice(body).map_err(|error| format!("the body is malformed: {error}"))?;
+        if posted.version != VERSION {
+            return Err(format!("this program reads version {VERSION} of requests, not {}", posted.version));
+        }
+        if posted.session.is_empty()
+            || posted.session.chars().count() > MAX_NAME
+            || posted.commands.is_empty()
+        {
+            return Err(format!("a request has a session of 1 to {MAX_NAME} characters, and commands"));
+        }
+        Ok(posted)
+    }
+}
+
 /// What is known of a session.
 #[derive(Debug)]
 struct Session {
@@ -125,23 +143,10 @@ impl Control {
             }
             Ok(Ok(body)) => body.to_bytes(),
         };
-        let posted: Posted = match serde_json::from_slice(&body) {
+        let posted = match Posted::read(&body) {
             Ok(posted) => posted,
-            Err(error) => {
-                return refused(StatusCode::BAD_REQUEST, &format!("the body is malformed: {error}"));
-            }
+            Err(why) => return refused(StatusCode::BAD_REQUEST, &why),
         };
-        if posted.version != VERSION {
-            let why = format!("this program reads version {VERSION} of requests, not {}", posted.version);
-            return refused(StatusCode::BAD_REQUEST, &why);
-        }
-        if posted.session.is_empty()
-            || posted.session.chars().count() > MAX_NAME
-            || posted.commands.is_empty()
-        {
-            let why = format!("a request has a session of 1 to {MAX_NAME} characters, and commands");
-            return refused(StatusCode::BAD_REQUEST, &why);
-        }
         // One request after the other, so that their order is that of their numbers.
         let mut sessions = self.sessions.lock().await;
         sessions.handle(posted, self.since.elapsed(), &self.operators).await
@@ -230,5 +235,71 @@ impl Session {
             }
             Err(_) => (StatusCode::GONE, json!({ "result": "refused", "n": n, "why": "the run is over" })),
         };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metamorph_protocol::rng::Rng;
+    use metamorph_sim_bridge::director::commands::Commands;
+    use metamorph_sim_bridge::metamodule::faults::{COMMANDS, OBSTACLE, OBSTACLE_GONE};
+
+    const BODIES: [&str; 3] = [
+        r#"{"version":1,"session":"a1b2","n":1,"take_over":false,"commands":["kill 7","goto 3 [4, 5, 0] for 30s"]}"#,
+        r#"{"version":1,"session":"é","n":18446744073709551615,"commands":["goal.move [1, -2]","hold 3 for 1ns"]}"#,
+        r#"{"version":1,"session":"a","n":2,"commands":["block [1, 2, 3]","take 0 31","release 4294967295"]}"#,
+    ];
+    const PARTS: [&[u8]; 8] =
+        [b"\"", b"[", b"{", b"\\u0000", b"9999999999999999999", b"; ", b"\xff", b" for "];
+
+    /// Returns a body with a few places changed.
+    fn changed(rng: &mut Rng) -> Vec<u8> {
+        let mut body = BODIES[rng.below(BODIES.len() as u64) as usize].as_bytes().to_vec();
+        for _ in 0..1 + rng.below(4) {
+            let at = rng.below(body.len() as u64 + 1) as usize;
+            match rng.below(4) {
+                0 if at < body.len() => body[at] = rng.next_u64() as u8,
+                1 => body.truncate(at),
+                2 => drop(body.splice(at..at, PARTS[rng.below(8) as usize].iter().copied())),
+                _ => {
+                    let to = (at + rng.below(8) as usize).min(body.len());
+                    drop(body.drain(at..to));
+                }
+            }
+        }
+        body
+    }
+
+    /// Reads changed bodies, and returns how many were requests and how many of these were commands.
+    fn read_changed(bodies: u64, seed: u64) -> (u64, u64) {
+        let world = [[&OBSTACLE, &OBSTACLE_GONE].as_slice(), &COMMANDS].concat();
+        let mut rng = Rng::named(seed, "bodies", 0);
+        let (mut requests, mut given) = (0, 0);
+        for _ in 0..bodies {
+            let Ok(posted) = Posted::read(&changed(&mut rng)) else { continue };
+            requests += 1;
+            let text = format!("at 1 ns by operator 1: {}", posted.commands.join("; "));
+            if let Ok(commands) = Commands::parse(&text, &world) {
+                given += 1;
+                // What is taken is written down as it is read.
+                assert_eq!(Commands::parse(&commands.to_string(), &world), Ok(commands), "{text}");
+            }
+        }
+        (requests, given)
+    }
+
+    #[test]
+    fn no_body_makes_the_reader_panic() {
+        let (requests, given) = read_changed(20_000, 1);
+        assert!(requests > 100 && given > 10, "{requests}, {given}");
+    }
+
+    /// `cargo test --release -p metamorph-world-controller --lib ten_million_bodies -- --ignored`
+    #[test]
+    #[ignore = "takes minutes without optimization"]
+    fn ten_million_bodies() {
+        let (requests, given) = read_changed(10_000_000, 2);
+        assert!(requests > 50_000 && given > 5_000, "{requests}, {given}");
     }
 }

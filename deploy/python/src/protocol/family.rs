@@ -341,6 +341,7 @@ impl Runnable for PySwarm {
             stages: plan.stages.iter().map(|plan| stage(&plan.name, &director.stage())).collect(),
             bodies: cube::move_report(&motions),
             moves: motions.completed,
+            operator: None,
             family_part: None,
         }
     }

@@ -118,6 +118,7 @@ impl Runnable for Plate {
             stages: plan.stages.iter().map(|plan| stage(&plan.name, &director.stage())).collect(),
             bodies: MoveReport::default(),
             moves: 0,
+            operator: None,
             family_part: None,
         }
     }

@@ -5,6 +5,8 @@ use crate::ids::ModuleId;
 use crate::lattice::Cell;
 use crate::metamodule::blueprint::{SeedSet, Task};
 use crate::metamodule::pose::Pose;
+use crate::metamodule::steering::Steering;
+use crate::time::Time;
 use crate::wire::{Decoder, Encoder, Wire, WireError};
 
 /// What the world-controller tells a metamodule.
@@ -47,6 +49,13 @@ pub enum Order {
         /// `Over` lets it decide for itself, as under `negotiated`.
         instruction: Instruction,
     },
+    /// What an operator commands this metamodule. It replaces the command before.
+    Steer {
+        /// The command.
+        steering: Steering,
+        /// The end of its lease.
+        until: Time,
+    },
 }
 
 impl Wire for Order {
@@ -57,6 +66,7 @@ impl Wire for Order {
             Order::Obstacle { .. } => 18,
             Order::Alive { .. } => 19,
             Order::Instruct { .. } => 20,
+            Order::Steer { .. } => 21,
         }
     }
     fn encode(&self, out: &mut Encoder) {
@@ -79,6 +89,10 @@ impl Wire for Order {
                 out.u32(*number);
                 instruction.encode(out);
             }
+            Order::Steer { steering, until } => {
+                steering.encode(out);
+                out.u64(until.0);
+            }
         }
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Order, WireError> {
@@ -92,6 +106,7 @@ impl Wire for Order {
             17 => Order::Dead { id: ModuleId(from.u32()?), pose: Pose::decode(from)? },
             19 => Order::Alive { id: ModuleId(from.u32()?) },
             20 => Order::Instruct { number: from.u32()?, instruction: Instruction::decode(from)? },
+            21 => Order::Steer { steering: Steering::decode(from)?, until: Time(from.u64()?) },
             _ => return Err(WireError::Kind(kind)),
         })
     }

@@ -8,8 +8,11 @@ use crate::family::read_text;
 use crate::scenario::diagnostics::Diagnostics;
 use crate::scenario::{LinkKind, Overrides, Plan};
 use metamorph_protocol::defects::Defect;
+use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::Span;
+use metamorph_sim_bridge::director::faults::Fault;
+use metamorph_sim_bridge::director::steering::Steering;
 use std::fmt;
 
 /// A scenario as a value.
@@ -81,6 +84,8 @@ pub enum Break {
     Partition(Vec<u32>),
     /// A foreign object is in a cell.
     Obstacle(Cell),
+    /// An operator commands a module.
+    Command(u32, Steering),
 }
 
 impl Break {
@@ -93,14 +98,17 @@ impl Break {
             Break::Stick(_) => "stick",
             Break::Partition(_) => "partition",
             Break::Obstacle(_) => "obstacle",
+            Break::Command(..) => "command",
         }
     }
     /// Returns the modules concerned.
     pub fn modules(&self) -> &[u32] {
         match self {
-            Break::Kill(id) | Break::Restart(id) | Break::Pause(id) | Break::Stick(id) => {
-                std::slice::from_ref(id)
-            }
+            Break::Kill(id)
+            | Break::Restart(id)
+            | Break::Pause(id)
+            | Break::Stick(id)
+            | Break::Command(id, _) => std::slice::from_ref(id),
             Break::Partition(side) => side,
             Break::Obstacle(_) => &[],
         }
@@ -113,6 +121,7 @@ impl Break {
             Break::Restart(id) => Break::Restart(one(id)),
             Break::Pause(id) => Break::Pause(one(id)),
             Break::Stick(id) => Break::Stick(one(id)),
+            Break::Command(id, steering) => Break::Command(one(id), *steering),
             Break::Partition(side) if side.contains(&other) => self.clone(),
             Break::Partition(side) => Break::Partition(side.iter().map(one).collect()),
             Break::Obstacle(cell) => Break::Obstacle(*cell),
@@ -127,6 +136,7 @@ impl Break {
             Break::Restart(id) => Break::Restart(up(id)?),
             Break::Pause(id) => Break::Pause(up(id)?),
             Break::Stick(id) => Break::Stick(up(id)?),
+            Break::Command(id, steering) => Break::Command(up(id)?, *steering),
             Break::Partition(side) => {
                 let side: Vec<u32> = side.iter().filter_map(up).collect();
                 Break::Partition((!side.is_empty()).then_some(side)?)
@@ -193,8 +203,12 @@ impl fmt::Display for GeneratedScenario {
 
 impl fmt::Display for GeneratedFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "\n[[fault]]")?;
         let at = Span::millis(self.at);
+        if let Break::Command(id, steering) = &self.what {
+            let command = Fault::Steer(ModuleId(*id), *steering);
+            return writeln!(f, "\n[[command]]\nat = \"{at}\"\ndo = [\"{command}\"]");
+        }
+        writeln!(f, "\n[[fault]]")?;
         let until = self.until.map(Span::millis);
         let end = until.map_or(String::new(), |u| format!("until = \"{u}\"\n"));
         match &self.what {
@@ -203,6 +217,8 @@ impl fmt::Display for GeneratedFault {
             Break::Pause(id) => write!(f, "pause = {id}\nfrom = \"{at}\"\n{end}"),
             Break::Stick(id) => write!(f, "stick = {id}\nat = \"{at}\"\n{end}"),
             Break::Obstacle(cell) => write!(f, "obstacle = {}\nat = \"{at}\"\n{end}", cells(&[*cell])),
+            // Written above.
+            Break::Command(..) => Ok(()),
             Break::Partition(side) => {
                 let until = until.unwrap_or_default();
                 writeln!(f, "partition = {{ modules = {side:?}, from = \"{at}\", until = \"{until}\" }}")

@@ -85,6 +85,9 @@ pub enum Experiment {
     /// Table 8.2: the statistics of the study with people, recomputed
     #[value(name = "8.2")]
     Study,
+    /// Appendix E: what an operator costs, with a scripted one
+    #[value(name = "e")]
+    Operated,
 }
 
 impl Experiment {
@@ -104,6 +107,7 @@ impl Experiment {
             Experiment::AppendixB => "appendix-b",
             Experiment::Pairing => "c.6",
             Experiment::Study => "8.2",
+            Experiment::Operated => "e",
         }
     }
     const fn title(self) -> &'static str {
@@ -123,6 +127,7 @@ impl Experiment {
             Experiment::AppendixB => "Thesis B.3 to B.5: the order in which a table is built",
             Experiment::Pairing => "Thesis C.6: pairing of cubes to modules",
             Experiment::Study => "Thesis, table 8.2: F values of the study, recomputed",
+            Experiment::Operated => "Thesis, appendix E: what an operator costs",
         }
     }
     const fn goals(self) -> &'static [Goal] {

@@ -65,6 +65,7 @@ impl Runnable for Cubes {
             stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),
             bodies: move_report(&motions),
             moves: motions.completed,
+            operator: None,
             family_part: None,
         }
     }

@@ -91,6 +91,7 @@ impl Runnable for FreeModules {
             prevented: director.prevented(),
             stages: plan.stages.iter().map(|plan| stage(&plan.name, &director.stage())).collect(),
             moves: counts.attached,
+            operator: None,
             family_part: Some(report::part(&report, &bodies)),
             bodies,
         }

@@ -202,9 +202,11 @@ impl Visible for Metamodule {
     fn goal(order: &Order) -> Option<(u16, (i16, i16))> {
         match order {
             Order::Seeds { task, .. } => Some((task.goal.into(), task.shift)),
-            Order::Dead { .. } | Order::Alive { .. } | Order::Obstacle { .. } | Order::Instruct { .. } => {
-                None
-            }
+            Order::Dead { .. }
+            | Order::Alive { .. }
+            | Order::Obstacle { .. }
+            | Order::Instruct { .. }
+            | Order::Steer { .. } => None,
         }
     }
 }

@@ -35,6 +35,8 @@ use metamorph_protocol::metamodule::params::Setup;
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::metamodule::start::draw_start;
 use metamorph_protocol::time::Time;
+use metamorph_sim_bridge::director::faults::WorldFault;
+use metamorph_sim_bridge::metamodule::faults::COMMANDS;
 use scenario::RawMetamodules;
 use std::fmt;
 use std::sync::Arc;
@@ -65,6 +67,12 @@ impl ScenarioFamily for MetamoduleFamily {
     }
     fn world_faults(&self) -> &'static [WorldFaultKind] {
         faults::WORLD_FAULTS
+    }
+    fn is_operated(&self) -> bool {
+        true
+    }
+    fn world_commands(&self) -> &'static [&'static WorldFault] {
+        &COMMANDS
     }
 }
 

@@ -4,6 +4,7 @@ use super::Metamodules;
 use super::report::{
     self, BlockedReport, ElementsReport, LevelReport, MetamoduleReport, PinnedReport, PlanReport,
 };
+use crate::report::operator::OperatorReport;
 use crate::report::run_result::RunResult;
 use crate::report::schema::MoveReport;
 use crate::run::runnable::{Runnable, stage};
@@ -69,6 +70,9 @@ impl Runnable for Metamodules {
             relocate: self.relocate,
             follow: true,
             hands_over: self.hands_over,
+            operator: plan
+                .operator
+                .map(|operator| (operator.habits(self.setup.params.patience * 3), plan.seed)),
             round_trip: plan.link.controller.as_ref().map_or(Span::ZERO, |link| link.usual_longest() * 2),
         };
         MetamoduleDirector::new(Arc::clone(&self.setup), self.poses.len(), plan)
@@ -142,6 +146,9 @@ impl Runnable for Metamodules {
                 progress.filled > 0,
             )),
             bodies,
+            operator: director.operator().map(|operator| {
+                OperatorReport::of(operator, director.outcome().map_or(operator.seen(), |(at, _)| at))
+            }),
         }
     }
     fn last_check(world: &mut MetamoduleWorld, now: Time) -> (Vec<Violation>, u64) {

@@ -9,6 +9,7 @@ use metamorph_protocol::metamodule::message::{
     Refusal as MetamoduleRefusal, Status as MetamoduleStatus,
 };
 use metamorph_protocol::metamodule::pose::{End, Load, Pose};
+use metamorph_protocol::metamodule::steering::Steering;
 use metamorph_protocol::time::Time;
 
 impl Worded for Metamodule {
@@ -64,6 +65,12 @@ impl Worded for Metamodule {
             MetamoduleOrder::Obstacle { cell, there: false } => {
                 format!("the obstacle at {cell} is gone")
             }
+            MetamoduleOrder::Steer { steering, until } => match steering {
+                Steering::Release => "an operator commands nothing any more".to_owned(),
+                Steering::Hold => format!("an operator commands: stay until {until}"),
+                Steering::GoTo((x, y)) => format!("an operator commands: go to [{x}, {y}, 0], until {until}"),
+                Steering::Take(seed) => format!("an operator commands: fill seed {seed}, until {until}"),
+            },
             MetamoduleOrder::Instruct { instruction: Instruction::Over, .. } => {
                 "decide for yourself".to_owned()
             }

@@ -21,12 +21,7 @@ pub fn export_commands(journal: &Path, file: &Path, families: Families) -> Resul
     let journal = Journal::open(journal)?;
     let head = journal.head().clone();
     let plan = plan_of(families, &head)?;
-    let world: Vec<&WorldFault> = families
-        .0
-        .iter()
-        .flat_map(|family| family.world_faults())
-        .flat_map(|kind| [kind.begin, kind.end])
-        .collect();
+    let world: Vec<&WorldFault> = families.0.iter().flat_map(|family| family.commanded_to_world()).collect();
     let mut all = Vec::new();
     for record in journal {
         if let Event::Input { kind, bytes } = record.map_err(JournalError::from)?.event

@@ -5,6 +5,7 @@ mod graph_signature;
 mod learning_curves;
 mod network_parameters;
 mod on_grid;
+mod operated;
 mod pairing;
 mod planned;
 mod reward_map;
@@ -101,6 +102,7 @@ pub fn reproduce(experiments: &[Experiment], request: &Request) -> Result<u8, Sw
             Experiment::AppendixB => appendix_b::table(),
             Experiment::Study => study::table(),
             Experiment::Pairing => pairing::table(request.seeds, &interrupt),
+            Experiment::Operated => operated::table(request, &interrupt)?,
             Experiment::Planned => planned::table(request, &interrupt)?,
             _ => graph_signature::table(request.seeds, &interrupt),
         });

@@ -86,6 +86,7 @@ impl Runnable for Walk {
             prevented: 0,
             stages: plan.stages.iter().map(|plan| stage(&plan.name, &director.stage())).collect(),
             moves: director.gaits(),
+            operator: None,
             family_part: Some(report::part(&report)),
             bodies: MoveReport::default(),
         }

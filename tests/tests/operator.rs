@@ -1,0 +1,180 @@
+//! What commands to metamodules do, what they cannot do, and how a scripted operator helps swarms that are stuck.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
+
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::metamodule::blueprint::SeedOrder;
+use metamorph_protocol::metamodule::params::Strategy;
+use metamorph_protocol::roombots::Kind;
+use metamorph_protocol::time::{Span, Time};
+use metamorph_sim_bridge::director::faults::Fault;
+use metamorph_sim_bridge::director::steering::Steering;
+use metamorph_tests::command::{report, run, scenario};
+use metamorph_tests::metamodules::{Assembled, Assembly, Goal};
+use metamorph_world_controller::report::schema::Report;
+use std::fs;
+use std::path::Path;
+
+const LEASE: Span = Span::secs(60);
+
+fn assembly(strategy: Strategy, seed: u64) -> Assembly {
+    Assembly::new(Goal::Box, Kind::Srs, strategy, SeedOrder::Crosswise, seed)
+}
+fn steer(id: u32, steering: Steering) -> Fault {
+    Fault::Steer(ModuleId(id), steering)
+}
+fn effects(ran: &Assembled) -> Vec<&str> {
+    ran.struck.iter().map(|fault| fault.effect.as_str()).collect()
+}
+
+#[test]
+fn a_metamodule_that_is_held_does_not_move() {
+    // None is spare, so the goal is built only after the lease.
+    let ran =
+        assembly(Strategy::Negotiated, 3).fault(Time(1), steer(2, Steering::Hold(Span::secs(600)))).run();
+    let free = assembly(Strategy::Negotiated, 3).run();
+    assert!(ran.built() && free.built(), "{:?}", ran.outcome);
+    let at = |ran: &Assembled| ran.outcome.unwrap().0;
+    assert!(at(&free) < Time(600_000_000_000) && at(&ran) > Time(600_000_000_000), "{:?}", ran.outcome);
+    // A release ends it earlier.
+    let released = Time(100_000_000_000);
+    let ran = assembly(Strategy::Negotiated, 3)
+        .fault(Time(1), steer(2, Steering::Hold(Span::secs(600))))
+        .fault(released, steer(2, Steering::Release))
+        .run();
+    assert!(ran.built() && at(&ran) > released && at(&ran) < Time(600_000_000_000), "{:?}", ran.outcome);
+    assert_eq!(ran.broken, 0);
+}
+
+#[test]
+fn metamodules_go_where_they_are_sent_and_take_what_they_are_given() {
+    let to = Cell { x: 0, y: 12, z: 0 };
+    for strategy in [Strategy::Greedy, Strategy::Step, Strategy::Negotiated] {
+        let mut arrived = 0;
+        for seed in 0..6 {
+            // Dead, it stays where it has been sent; the others are held meanwhile.
+            let ran = assembly(strategy, seed)
+                .fault(Time(1), steer(0, Steering::GoTo(to, Span::secs(600))))
+                .fault(Time(2), steer(1, Steering::Take(0, Span::secs(600))))
+                .fault(Time(3), steer(2, Steering::Hold(Span::secs(600))))
+                .fault(Time(4), steer(3, Steering::Hold(Span::secs(600))))
+                .fault(Time(300_000_000_000), Fault::Kill(ModuleId(0)))
+                .run();
+            assert_eq!(ran.broken, 0, "{strategy:?} {seed}: {:?}", ran.violations);
+            arrived += u64::from(ran.poses[0].foot() == (to.x, to.y) && ran.filled >= 1);
+        }
+        assert!(arrived >= 5, "{strategy:?}: {arrived} of 6");
+    }
+}
+
+#[test]
+fn rules_refuse_commands_and_are_named() {
+    let refused = |strategy, at: Time, fault: Fault| {
+        let ran = assembly(strategy, 3).fault(at, fault).run();
+        assert_eq!(ran.broken, 0);
+        let effects = effects(&ran).join(" ");
+        let rule = effects.split_once("refused: ").map(|(_, rule)| rule.to_owned());
+        rule.unwrap_or_else(|| panic!("{fault} was taken: {effects}"))
+    };
+    let off = Cell { x: 13, y: 0, z: 0 };
+    let early = Time(1_000_000_000);
+    assert!(
+        refused(Strategy::Negotiated, early, steer(0, Steering::GoTo(off, LEASE))).starts_with("floor: ")
+    );
+    assert!(refused(Strategy::Negotiated, early, steer(0, Steering::Take(7, LEASE))).starts_with("goal: "));
+    assert!(refused(Strategy::Planned, early, steer(0, Steering::Hold(LEASE))).starts_with("central-plan: "));
+    let dead = assembly(Strategy::Negotiated, 3)
+        .spares(1)
+        .fault(early, Fault::Kill(ModuleId(0)))
+        .fault(Time(2_000_000_000), steer(0, Steering::Hold(LEASE)))
+        .run();
+    assert!(effects(&dead)[1].contains("refused: dead: "), "{:?}", dead.struck);
+}
+
+/// Leases, locks and invariants hold whatever is commanded.
+#[test]
+fn no_command_breaks_an_invariant() {
+    for seed in 0..12u64 {
+        let strategy = Strategy::DISTRIBUTED[seed as usize % 4];
+        let mut assembly = assembly(strategy, seed).spares(1).loss("5%").failed_connections("5%");
+        for i in 0..20u64 {
+            let place = Cell { x: ((i * 5 + seed) % 13) as i16, y: ((i * 7) % 13) as i16, z: 0 };
+            let lease = Span::secs(1 + (i * 13 + seed) % 60);
+            let steering = [
+                Steering::GoTo(place, lease),
+                Steering::Take((i % 4) as u8, lease),
+                Steering::Hold(lease),
+                Steering::Release,
+            ][((i + seed) % 4) as usize];
+            assembly = assembly.fault(Time((1 + i * 6) * 1_000_000_000), steer((i % 5) as u32, steering));
+        }
+        let ran = assembly.run();
+        assert_eq!(ran.broken, 0, "{strategy:?}, seed {seed}: {:?}", ran.violations);
+    }
+}
+
+/// Runs the chair of the thesis with an operator, or without.
+fn chair(directory: &Path, operator: &str, seed: u64) -> Report {
+    let text = "version = 1\n[swarm]\nfamily = \"metamodule\"\nkind = \"SRS\"\n\
+        floor = { min = [0, 0], max = [12, 12] }\nturn_time = \"1s\"\n\
+        [[goal]]\nshape = { chair = [5, 5] }\norder = \"circular\"\n[protocol]\nstrategy = \"greedy\"\n\
+        [link]\ndelay = \"10ms..100ms\"\n";
+    let file = directory.join("chair.toml");
+    fs::write(&file, text.to_owned() + operator).unwrap();
+    let seed = seed.to_string();
+    let ran =
+        run(&["run", file.to_str().unwrap(), "--link", "sim", "--seed", &seed, "--json", "-", "--quiet"]);
+    report(&ran.out)
+}
+
+#[test]
+fn a_scripted_operator_helps_a_swarm_that_is_stuck() {
+    let directory = tempfile::tempdir().unwrap();
+    let (mut alone, mut helped, mut interactions) = (0, 0, 0);
+    for seed in 0..12 {
+        let without = chair(directory.path(), "", seed);
+        assert_eq!(without.operator, None);
+        alone += u64::from(without.outcome == "built");
+        let with = chair(directory.path(), "[operator]\nkind = \"scripted\"\n", seed);
+        let again = chair(directory.path(), "[operator]\nkind = \"scripted\"\n", seed);
+        assert_eq!(
+            (&with.trace_hash, &with.state_hash),
+            (&again.trace_hash, &again.state_hash),
+            "seed {seed}"
+        );
+        let operator = with.operator.as_ref().unwrap();
+        helped += u64::from(with.outcome == "built");
+        interactions += operator.swarm.interactions;
+        assert_eq!(with.invariants.broken, 0, "seed {seed}");
+        let by_operator = with.faults.iter().filter(|fault| fault.by == "operator 1").count() as u64;
+        assert_eq!(operator.commands - operator.refused, by_operator, "seed {seed}");
+        if without.outcome == "built" && operator.commands == 0 {
+            // An operator that only looks changes nothing that is built.
+            assert_eq!(with.moves, without.moves, "seed {seed}");
+        }
+    }
+    assert!(helped > alone && interactions > 0, "{helped} of 12 with, {alone} without");
+}
+
+#[test]
+fn tables_of_operators_are_checked() {
+    let text = fs::read_to_string(scenario("chair.toml")).unwrap();
+    let cases = [
+        ("kind = \"person\"", "person"),
+        ("look = \"0s\"", "look"),
+        ("lease = \"601s\"", "lease"),
+        ("level = \"some\"", "some"),
+        ("speed = 1", "speed"),
+        ("think = \"4s..1s\"", "4s..1s"),
+    ];
+    for (line, part) in cases {
+        let text = format!("{text}\n[operator]\n{line}\n");
+        metamorph_tests::command::refused(&text, &["check", "{}"], &[part]);
+    }
+    let cubes = fs::read_to_string(scenario("swarm.toml")).unwrap() + "\n[operator]\nkind = \"scripted\"\n";
+    metamorph_tests::command::refused(
+        &cubes,
+        &["check", "{}"],
+        &["a scripted operator of the family `cube`"],
+    );
+}
