@@ -18,6 +18,7 @@ pub mod growth;
 pub mod hostile;
 pub mod hosts;
 pub mod metamodules;
+pub mod page;
 pub mod probe;
 pub mod script;
 pub mod statistics;

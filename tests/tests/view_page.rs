@@ -8,6 +8,7 @@ use metamorph_protocol::metamodule::message::{Action, BodyAction};
 use metamorph_protocol::time::Time;
 use metamorph_tests::browser::{Browser, find};
 use metamorph_tests::command::{run, scenario};
+use metamorph_tests::page::{check_clean, choose, micros, open, scrub, text};
 use metamorph_tests::view::{View, record};
 use metamorph_world_controller::family::metamodule::Metamodules;
 use metamorph_world_controller::family::read_file;
@@ -16,56 +17,6 @@ use metamorph_world_controller::view::parts::Part;
 use metamorph_world_controller::view::visible::Visible;
 use serde_json::{Value, json};
 use std::fs;
-
-/// Opens a browser with the page of a view; `None` where there is no browser.
-fn open(view: &View) -> Option<Browser> {
-    let Some(program) = find() else {
-        println!("skipped: there is no chromium or chrome on this machine");
-        return None;
-    };
-    let mut browser = Browser::start(program);
-    browser.open(&view.address);
-    browser.until("['paused', 'failed'].includes(document.body.dataset.state)");
-    // The run may still be going on when the page is loaded.
-    browser.until("window.page.story.over");
-    Some(browser)
-}
-
-/// Asserts that the page had no errors and loaded nothing from elsewhere.
-fn check_clean(browser: &mut Browser, view: &View) {
-    browser.evaluate("1");
-    assert_eq!(browser.complaints, Vec::<String>::new());
-    let elsewhere = |url: &&String| !url.starts_with(&view.address) && !url.starts_with("data:");
-    assert_eq!(browser.loaded.iter().filter(elsewhere).collect::<Vec<_>>(), Vec::<&String>::new());
-    assert!(browser.loaded.len() > 10);
-}
-
-/// Returns the time that is shown, in microseconds.
-fn micros(browser: &mut Browser) -> f64 {
-    browser.until("!window.page.dirty");
-    browser.evaluate("Number(document.getElementById('time').dataset.micros)").as_f64().unwrap()
-}
-
-fn text(browser: &mut Browser, id: &str) -> String {
-    browser.evaluate(&format!("document.querySelector('{id}').textContent")).as_str().unwrap().to_owned()
-}
-
-/// Moves the scrubber to a time.
-fn scrub(browser: &mut Browser, to: f64) {
-    let event = "scrub.dispatchEvent(new Event('input', { bubbles: true }))";
-    browser.evaluate(&format!(
-        "{{ const scrub = document.getElementById('scrub'); scrub.value = {to}; {event}; }}"
-    ));
-    browser.until("!window.page.dirty");
-}
-
-/// Chooses a module in the form.
-fn choose(browser: &mut Browser, id: u32) {
-    browser.evaluate(&format!(
-        "document.getElementById('which').value = '{id}'; document.querySelector('#find button').click()"
-    ));
-    browser.until(&format!("!window.page.dirty && document.getElementById('module').dataset.id === '{id}'"));
-}
 
 #[test]
 fn commands_a_run_in_progress() {

@@ -63,10 +63,11 @@ class Page {
     story.onTalk = this.redraw;
     story.onLost = (error) => this.lost(error);
     story.onAnew = () => this.anew();
-    new ResizeObserver(() => {
+    const resized = new ResizeObserver(() => {
       this.timeline.refresh();
       this.redraw();
-    }).observe(document.body);
+    });
+    for (const element of [document.body, by("frame")]) resized.observe(element);
     requestAnimationFrame((now) => this.frame(now));
     if (!story.over) this.follow();
   }

@@ -163,7 +163,7 @@ export class Panel {
       ["waits for", dead || standing.role === null ? null : standing.waits === null ? "none" : this.link(standing.waits)],
       ["in a circle", circle.has(id) ? "yes" : null],
       ["locked by", dead ? null : !talk ? untold : owner === null ? "none" : this.link(owner)],
-      ["knows", flags.length && !dead ? flags.map(([, text]) => text).join(", ") : null],
+      ["reports", flags.length && !dead ? flags.map(([, text]) => text).join(", ") : null],
     ].filter(([, value]) => value !== null);
     section.dataset.id = id;
     section.dataset.life = life;
