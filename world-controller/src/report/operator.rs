@@ -44,7 +44,7 @@ pub struct TeamReport {
     pub recovery_s: Option<f64>,
     /// Interactions without recovery before the next one, or the end.
     pub failed: u64,
-    /// Neglect times, and how many of them ended by a loss of performance.
+    /// Neglect times.
     pub neglected: u64,
     /// Those that ended by a loss of performance.
     pub neglected_complete: u64,
