@@ -3,10 +3,11 @@
 use crate::lattice::{Cell, Face};
 use crate::wire::{Decoder, Encoder, WireError};
 use serde::{Deserialize, Serialize};
+use std::hash::{Hash, Hasher};
 use thiserror::Error;
 
-/// The most seeds of a blueprint: sets of seeds are 32 bits.
-pub const MAX_SEEDS: usize = 32;
+/// The most seeds of a blueprint: sets of seeds are 128 bits.
+pub const MAX_SEEDS: usize = 128;
 
 /// A place for one metamodule: the connector that holds its foot, and the directions from cell to
 /// cell. Which end stands there and how it is turned are free.
@@ -58,18 +59,33 @@ impl SeedOrder {
 }
 
 /// A set of seeds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, Default)]
 #[serde(transparent)]
-pub struct SeedSet(pub u32);
+pub struct SeedSet(pub u128);
+
+impl Hash for SeedSet {
+    /// Hashes a set of the first 32 seeds as 32 bits: state hashes of goals with at most 32 seeds do not depend on
+    /// how many are possible.
+    fn hash<H: Hasher>(&self, hasher: &mut H) {
+        match self.narrow() {
+            Some(first) => first.hash(hasher),
+            None => self.0.hash(hasher),
+        }
+    }
+}
 
 impl SeedSet {
+    /// Returns the set as 32 bits, if it holds no other seeds than the first 32.
+    pub fn narrow(self) -> Option<u32> {
+        u32::try_from(self.0).ok()
+    }
     /// Whether a seed is in it.
     pub const fn has(self, seed: u8) -> bool {
-        seed < 32 && self.0 >> seed & 1 == 1
+        (seed as usize) < MAX_SEEDS && self.0 >> seed & 1 == 1
     }
     /// Returns this set with one more seed.
     pub const fn with(self, seed: u8) -> SeedSet {
-        SeedSet(if seed < 32 { self.0 | 1 << seed } else { self.0 })
+        SeedSet(if (seed as usize) < MAX_SEEDS { self.0 | 1 << seed } else { self.0 })
     }
     /// The seeds that are not in the other.
     pub const fn without(self, other: SeedSet) -> SeedSet {
@@ -93,7 +109,23 @@ impl SeedSet {
     }
     /// The seeds in it, ascending.
     pub fn iter(self) -> impl Iterator<Item = u8> {
-        (0..32).filter(move |s| self.has(*s))
+        (0..MAX_SEEDS as u8).filter(move |s| self.has(*s))
+    }
+    /// Writes 4 bytes, or 16 if `wide`.
+    pub(super) fn encode(self, wide: bool, out: &mut Encoder) {
+        if wide {
+            out.u64(self.0 as u64);
+            out.u64((self.0 >> 64) as u64);
+        } else {
+            out.u32(self.0 as u32);
+        }
+    }
+    /// Reads 4 bytes, or 16 if `wide`.
+    pub(super) fn decode(wide: bool, from: &mut Decoder<'_>) -> Result<SeedSet, WireError> {
+        Ok(SeedSet(match wide {
+            true => u128::from(from.u64()?) | u128::from(from.u64()?) << 64,
+            false => from.u32()?.into(),
+        }))
     }
 }
 
@@ -260,7 +292,7 @@ pub fn chair_of_six(x: i16, y: i16) -> Vec<Vec<Seed>> {
 mod tests {
     use super::*;
 
-    fn opened(order: SeedOrder) -> Vec<u32> {
+    fn opened(order: SeedOrder) -> Vec<u128> {
         let blueprint = Blueprint::new(&chair_of_six(0, 0), order).unwrap();
         let (mut filled, mut all) = (SeedSet::default(), Vec::new());
         while !blueprint.open(filled).is_empty() {
@@ -304,7 +336,39 @@ mod tests {
         assert_eq!(of(&[seed(0, [East, Down, East])]), BlueprintError::Impossible(0));
         let overlap = of(&[seed(0, [Up, Up, East]), seed(1, [Up, Up, West])]);
         assert!(matches!(overlap, BlueprintError::Overlap { first: 0, second: 1, .. }), "{overlap}");
-        let many: Vec<Seed> = (0..33).map(|x| seed(x, [Up; 3])).collect();
-        assert_eq!(of(&many), BlueprintError::TooMany(33));
+        let many: Vec<Seed> = (0..129).map(|x| seed(x, [Up; 3])).collect();
+        assert_eq!(of(&many), BlueprintError::TooMany(129));
+    }
+
+    /// 128 seeds open one after the other, the last one last.
+    #[test]
+    fn the_largest_blueprint_opens_seed_by_seed() {
+        let all: Vec<Seed> = (0..128).map(|x| Seed { foot: (x, 0), directions: [Face::Up; 3] }).collect();
+        let blueprint = Blueprint::new(&[all], SeedOrder::Circular).unwrap();
+        let mut filled = SeedSet::default();
+        for seed in 0..128 {
+            assert_eq!(
+                (blueprint.open(filled), blueprint.before(seed)),
+                (SeedSet::default().with(seed), filled)
+            );
+            filled = filled.with(seed);
+        }
+        assert_eq!((filled, filled.len(), filled.with(128)), (blueprint.all(), 128, filled));
+        assert!(blueprint.open(filled).is_empty() && !filled.has(128));
+    }
+
+    /// Hashes of states are a contract: those of small sets are what they were when sets had 32 bits.
+    #[test]
+    fn small_sets_hash_as_32_bits() {
+        let hash = |value: &dyn Fn(&mut siphasher::sip::SipHasher13)| {
+            let mut hasher = siphasher::sip::SipHasher13::new();
+            value(&mut hasher);
+            hasher.finish()
+        };
+        for bits in [0, 7, u32::MAX] {
+            assert_eq!(hash(&|h| SeedSet(bits.into()).hash(h)), hash(&|h| bits.hash(h)));
+        }
+        assert_eq!(SeedSet(1 << 32).narrow(), None);
+        assert_ne!(hash(&|h| SeedSet(1 << 32).hash(h)), hash(&|h| SeedSet(1 << 33).hash(h)));
     }
 }

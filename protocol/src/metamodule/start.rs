@@ -1,7 +1,7 @@
 //! Where metamodules stand at first: upright, attached by their feet, at random (thesis 4.1.3).
 
 use super::blueprint::Task;
-use super::params::Setup;
+use super::params::{Floor, Setup};
 use super::pose::Pose;
 use crate::lattice::Cell;
 use crate::metamodule::planning::paths::Ground;
@@ -37,7 +37,7 @@ pub struct Start {
 /// Largest number of starts drawn until one is complete and has no metamodule that is shut in.
 const TRIES: usize = 100;
 
-/// Draws places for `count` metamodules: any connector outside the rectangle around the seeds' feet
+/// Draws places for `count` metamodules in an area of the floor: any connector outside the rectangle around the seeds' feet
 /// grown by one and not next to an element, at least two cells from each other along x or y, turned in any of the four ways. None
 /// is shut in: each can get away from where it starts while the others stand where they stand.
 /// (PAR has landings in front of it only: in a corner, turned to the wall, it has none at all, and two at
@@ -45,11 +45,11 @@ const TRIES: usize = 100;
 ///
 /// # Errors
 /// If no such start was found.
-pub fn draw_start(setup: &Setup, count: usize, seed: u64) -> Result<Start, StartError> {
+pub fn draw_start(setup: &Setup, area: Floor, count: usize, seed: u64) -> Result<Start, StartError> {
     let mut rng = Rng::named(seed, "start", 0);
     let (mut most, mut redrawn) = (0, 0);
     for _ in 0..TRIES {
-        let poses = draw(setup, count, &mut rng);
+        let poses = draw(setup, area, count, &mut rng);
         most = most.max(poses.len());
         if poses.len() < count {
             continue;
@@ -62,22 +62,23 @@ pub fn draw_start(setup: &Setup, count: usize, seed: u64) -> Result<Start, Start
     Err(StartError::NoRoom { wanted: count, placed: most.min(count.saturating_sub(1)) })
 }
 
-/// The poses of [`draw_start`].
+/// The poses of [`draw_start`] on the whole floor.
 ///
 /// # Errors
 /// If no such start was found.
 pub fn random_start(setup: &Setup, count: usize, seed: u64) -> Result<Vec<Pose>, StartError> {
-    draw_start(setup, count, seed).map(|start| start.poses)
+    draw_start(setup, setup.floor, count, seed).map(|start| start.poses)
 }
 
-fn draw(setup: &Setup, count: usize, rng: &mut Rng) -> Vec<Pose> {
+fn draw(setup: &Setup, area: Floor, count: usize, rng: &mut Rng) -> Vec<Pose> {
     let feet = || setup.seeds(Task::default()).map(|(_, s)| s.foot);
     // Invariant: a blueprint has a seed; without one nothing would be kept free.
     let x = (feet().map(|f| f.0).min().unwrap_or(0) - 1, feet().map(|f| f.0).max().unwrap_or(0) + 1);
     let y = (feet().map(|f| f.1).min().unwrap_or(0) - 1, feet().map(|f| f.1).max().unwrap_or(0) + 1);
     let floor = setup.floor;
-    let mut free: Vec<(i16, i16)> = (floor.min.0..=floor.max.0)
-        .flat_map(|i| (floor.min.1..=floor.max.1).map(move |j| (i, j)))
+    let mut free: Vec<(i16, i16)> = (area.min.0..=area.max.0)
+        .flat_map(|i| (area.min.1..=area.max.1).map(move |j| (i, j)))
+        .filter(|(i, j)| floor.has(*i, *j))
         .filter(|(i, j)| !(x.0..=x.1).contains(i) || !(y.0..=y.1).contains(j))
         .filter(|(i, j)| !lying(setup).any(|c| c.x.abs_diff(*i).max(c.y.abs_diff(*j)) <= 1))
         .collect();
@@ -114,7 +115,7 @@ mod tests {
     use crate::metamodule::blueprint::{Blueprint, SeedOrder, box_of_four};
     use crate::metamodule::elements::Elements;
     use crate::metamodule::motions::Motions;
-    use crate::metamodule::params::{Floor, Params, Strategy};
+    use crate::metamodule::params::{Params, Strategy};
     use crate::roombots::Kind;
     use crate::roombots::database::Database;
     use crate::time::Span;
@@ -142,8 +143,15 @@ mod tests {
         }
         assert_ne!(random_start(&setup, 6, 1), random_start(&setup, 6, 2));
         // Starts in which a metamodule is shut in are thrown away.
-        let starts: Vec<Start> = (0..100).map(|seed| draw_start(&setup, 6, seed).unwrap()).collect();
+        let starts: Vec<Start> =
+            (0..100).map(|seed| draw_start(&setup, setup.floor, 6, seed).unwrap()).collect();
         assert!(starts.iter().all(|start| !any_shut_in(&setup, &start.poses)));
+        // They are in the area that they are to be in.
+        let corner = Floor { min: (9, 0), max: (12, 8) };
+        for seed in 0..20 {
+            let start = draw_start(&setup, corner, 3, seed).unwrap();
+            assert!(start.poses.iter().all(|p| corner.has(p.foot().0, p.foot().1)), "seed {seed}");
+        }
         // What processes are handed is what they get.
         let text = serde_json::to_string(&setup).unwrap();
         let again: Setup = serde_json::from_str(&text).unwrap();

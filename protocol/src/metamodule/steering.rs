@@ -2,7 +2,7 @@
 //! while, and nothing else: every motion needs the same locks as any other, and requests of others are answered.
 
 use super::agent::Metamodule;
-use super::blueprint::Seed;
+use super::blueprint::{MAX_SEEDS, Seed};
 use super::phase::Phase;
 use super::plan::{Aim, Plan};
 use super::planning::paths::Route;
@@ -12,6 +12,9 @@ use crate::coverage::{CoveragePoint, hit};
 use crate::lattice::{Cell, Face};
 use crate::time::{Span, Time};
 use crate::wire::{Decoder, Encoder, WireError};
+
+/// The most seeds, as the number that a command carries.
+const SEEDS: i16 = MAX_SEEDS as i16;
 
 /// What a metamodule is commanded to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -45,7 +48,7 @@ impl Steering {
             (0, 0, 0) => Ok(Steering::Release),
             (1, 0, 0) => Ok(Steering::Hold),
             (2, x, y) if !far(x) && !far(y) => Ok(Steering::GoTo((x, y))),
-            (3, seed @ 0..32, 0) => Ok(Steering::Take(seed as u8)),
+            (3, seed @ 0..SEEDS, 0) => Ok(Steering::Take(seed as u8)),
             _ => Err(WireError::Field("steering")),
         }
     }

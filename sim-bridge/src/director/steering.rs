@@ -8,6 +8,8 @@ use std::fmt;
 pub const LEASE: Span = Span::secs(60);
 /// The longest time that a command can hold.
 pub const LONGEST_LEASE: Span = Span::secs(600);
+/// Places of a goal at most.
+const PLACES: u8 = 128;
 
 /// What a module is commanded to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -34,7 +36,7 @@ impl Steering {
         };
         match verb {
             "goto" => Some(Steering::GoTo(read_cell(what)?, lease)),
-            "take" => Some(Steering::Take(what.parse().ok().filter(|seed| *seed < 32)?, lease)),
+            "take" => Some(Steering::Take(what.parse().ok().filter(|seed| *seed < PLACES)?, lease)),
             "hold" if what.is_empty() => Some(Steering::Hold(lease)),
             "release" if rest.trim().is_empty() => Some(Steering::Release),
             _ => None,

@@ -275,8 +275,8 @@ mod tests {
 
     #[test]
     fn each_seed_needs_a_body_of_its_own() {
-        let able = |sets: &[u32]| sets.iter().map(|set| SeedSet(*set)).collect::<Vec<_>>();
-        let all = |seeds, sets: &[u32]| can_all_be_filled(SeedSet(seeds), &able(sets));
+        let able = |sets: &[u128]| sets.iter().map(|set| SeedSet(*set)).collect::<Vec<_>>();
+        let all = |seeds, sets: &[u128]| can_all_be_filled(SeedSet(seeds), &able(sets));
         assert!(all(0b111, &[0b001, 0b011, 0b111]) && all(0b111, &[0b111, 0b011, 0b001]));
         assert!(!all(0b111, &[0b001, 0b001, 0b111]), "two bodies for one seed");
         assert!(!all(0b11, &[0b11]) && !all(0b1, &[]) && all(0, &[]));

@@ -3,7 +3,7 @@
 use super::Instruction;
 use crate::ids::ModuleId;
 use crate::lattice::Cell;
-use crate::metamodule::blueprint::{SeedSet, Task};
+use crate::metamodule::blueprint::{MAX_SEEDS, SeedSet, Task};
 use crate::metamodule::pose::Pose;
 use crate::metamodule::steering::Steering;
 use crate::time::Time;
@@ -58,9 +58,15 @@ pub enum Order {
     },
 }
 
+/// Whether one of the sets has seeds beyond the first 32: it is then written in full, in a message of another kind.
+fn is_wide(a: SeedSet, b: SeedSet) -> bool {
+    a.narrow().is_none() || b.narrow().is_none()
+}
+
 impl Wire for Order {
     fn kind(&self) -> u8 {
         match self {
+            Order::Seeds { open, filled, .. } if is_wide(*open, *filled) => 22,
             Order::Seeds { .. } => 16,
             Order::Dead { .. } => 17,
             Order::Obstacle { .. } => 18,
@@ -73,8 +79,9 @@ impl Wire for Order {
         match self {
             Order::Seeds { task, open, filled } => {
                 task.encode(out);
-                out.u32(open.0);
-                out.u32(filled.0);
+                let wide = is_wide(*open, *filled);
+                open.encode(wide, out);
+                filled.encode(wide, out);
             }
             Order::Dead { id, pose } => {
                 out.u32(id.0);
@@ -97,11 +104,14 @@ impl Wire for Order {
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Order, WireError> {
         Ok(match kind {
-            16 => Order::Seeds {
-                task: Task::decode(from)?,
-                open: SeedSet(from.u32()?),
-                filled: SeedSet(from.u32()?),
-            },
+            16 | 22 => {
+                let (task, wide) = (Task::decode(from)?, kind == 22);
+                let (open, filled) = (SeedSet::decode(wide, from)?, SeedSet::decode(wide, from)?);
+                if is_wide(open, filled) != wide {
+                    return Err(WireError::Field("seeds"));
+                }
+                Order::Seeds { task, open, filled }
+            }
             18 => Order::Obstacle { cell: from.cell()?, there: from.bool("there")? },
             17 => Order::Dead { id: ModuleId(from.u32()?), pose: Pose::decode(from)? },
             19 => Order::Alive { id: ModuleId(from.u32()?) },
@@ -133,35 +143,42 @@ pub struct Status {
     pub stuck: bool,
 }
 
+impl Status {
+    fn is_wide(&self) -> bool {
+        self.unreachable.narrow().is_none()
+    }
+}
+
 impl Wire for Status {
     fn kind(&self) -> u8 {
-        16
+        if self.is_wide() { 17 } else { 16 }
     }
     fn encode(&self, out: &mut Encoder) {
         self.pose.encode(out);
         out.u8(self.settled.unwrap_or(u8::MAX));
         out.u32(self.prevented);
         out.u32(self.waits_for.map_or(u32::MAX, |id| id.0));
-        out.u32(self.unreachable.0);
+        self.unreachable.encode(self.is_wide(), out);
         out.bool(self.deadlocked);
         out.bool(self.busy);
         out.bool(self.stuck);
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Status, WireError> {
-        if kind != 16 {
+        if !matches!(kind, 16 | 17) {
             return Err(WireError::Kind(kind));
         }
         let pose = Pose::decode(from)?;
         let settled = match from.u8()? {
             u8::MAX => None,
-            s if s < 32 => Some(s),
+            s if usize::from(s) < MAX_SEEDS => Some(s),
             _ => return Err(WireError::Field("settled")),
         };
         let prevented = from.u32()?;
         let waits_for = Some(from.u32()?).filter(|id| *id != u32::MAX).map(ModuleId);
-        let unreachable = SeedSet(from.u32()?);
+        let unreachable = SeedSet::decode(kind == 17, from)?;
         let deadlocked = from.bool("deadlocked")?;
         let (busy, stuck) = (from.bool("busy")?, from.bool("stuck")?);
-        Ok(Status { pose, settled, prevented, waits_for, unreachable, deadlocked, busy, stuck })
+        let status = Status { pose, settled, prevented, waits_for, unreachable, deadlocked, busy, stuck };
+        if status.is_wide() == (kind == 17) { Ok(status) } else { Err(WireError::Field("unreachable")) }
     }
 }

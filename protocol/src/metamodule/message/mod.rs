@@ -44,33 +44,39 @@ pub struct State {
 }
 
 impl State {
+    /// Whether it names seeds beyond the first 32.
+    fn is_wide(&self) -> bool {
+        self.filled.narrow().is_none() || self.unreachable.narrow().is_none()
+    }
     fn encode(self, out: &mut Encoder) {
         out.u32(self.id.0);
         out.u32(self.sequence);
         self.pose.encode(out);
         out.u8(u8::from(self.settled) | u8::from(self.stuck) << 1 | u8::from(self.blocked) << 2);
         self.task.encode(out);
-        out.u32(self.filled.0);
+        let wide = self.is_wide();
+        self.filled.encode(wide, out);
         out.u8(self.claim.map_or(u8::MAX, |c| c.seed));
         out.u8(self.claim.map_or(0, |c| c.cost));
-        out.u32(self.unreachable.0);
+        self.unreachable.encode(wide, out);
     }
-    fn decode(from: &mut Decoder<'_>) -> Result<State, WireError> {
+    fn decode(wide: bool, from: &mut Decoder<'_>) -> Result<State, WireError> {
         let (id, sequence) = (ModuleId(from.u32()?), from.u32()?);
         let pose = Pose::decode(from)?;
         let flags = from.u8()?;
         if flags > 7 {
             return Err(WireError::Field("flags"));
         }
-        let (task, filled) = (Task::decode(from)?, SeedSet(from.u32()?));
+        let (task, filled) = (Task::decode(from)?, SeedSet::decode(wide, from)?);
         let claim = match (from.u8()?, from.u8()?) {
             (u8::MAX, 0) => None,
             (seed, cost) if usize::from(seed) < MAX_SEEDS => Some(Claim { seed, cost }),
             _ => return Err(WireError::Field("claim")),
         };
         let [settled, stuck, blocked] = [1, 2, 4].map(|flag| flags & flag != 0);
-        let unreachable = SeedSet(from.u32()?);
-        Ok(State { id, sequence, pose, settled, stuck, blocked, task, filled, claim, unreachable })
+        let unreachable = SeedSet::decode(wide, from)?;
+        let state = State { id, sequence, pose, settled, stuck, blocked, task, filled, claim, unreachable };
+        if state.is_wide() == wide { Ok(state) } else { Err(WireError::Field("filled")) }
     }
 }
 
@@ -359,6 +365,7 @@ fn decode_sweep(from: &mut Decoder<'_>) -> Result<Sweep, WireError> {
 impl Wire for Message {
     fn kind(&self) -> u8 {
         match self {
+            Message::State(state) if state.is_wide() => 23,
             Message::State(_) => 16,
             Message::Request { .. } => 17,
             Message::Response { .. } => 18,
@@ -419,7 +426,7 @@ impl Wire for Message {
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Message, WireError> {
         Ok(match kind {
-            16 => Message::State(State::decode(from)?),
+            16 | 23 => Message::State(State::decode(kind == 23, from)?),
             17 => Message::Request {
                 origin: ModuleId(from.u32()?),
                 token: Token(from.u32()?),

@@ -61,6 +61,13 @@ fn everything_survives_the_wire() {
     for claim in [None, Some(Claim { seed: 31, cost: 7 })] {
         round_trip(&Message::State(State { claim, ..a_state() }));
     }
+    let wide = SeedSet(1 << 127 | 1 << 64 | 5);
+    round_trip(&Message::State(State {
+        filled: wide,
+        claim: Some(Claim { seed: 127, cost: 7 }),
+        ..a_state()
+    }));
+    round_trip(&Message::State(State { unreachable: wide, ..a_state() }));
     let segment = Segment { posture: 77, sweep: Sweep(3 << 90) };
     for count in 0..=LEGS as u8 {
         let mut segments = [Segment::default(); LEGS];
@@ -96,6 +103,8 @@ fn everything_survives_the_wire() {
     round_trip(&Percept::Done(p));
     round_trip(&Percept::Failed);
     round_trip(&Order::Seeds { task: a_task(), open: SeedSet(6), filled });
+    round_trip(&Order::Seeds { task: a_task(), open: wide, filled });
+    round_trip(&Order::Seeds { task: a_task(), open: SeedSet(6), filled: wide });
     round_trip(&Order::Obstacle { cell: Cell::new(-3, 4, 1), there: true });
     round_trip(&Order::Dead { id: origin, pose: p });
     round_trip(&Order::Alive { id: origin });
@@ -104,7 +113,7 @@ fn everything_survives_the_wire() {
     for instruction in [Instruction::Over, Instruction::Stay, steps, handle] {
         round_trip(&Order::Instruct { number: 7, instruction });
     }
-    for settled in [None, Some(31)] {
+    for (settled, filled) in [(None, filled), (Some(31), filled), (Some(127), wide)] {
         round_trip(&Status {
             pose: p,
             settled,

@@ -15,7 +15,7 @@ const SHOWN: usize = 20;
 pub fn describe(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std::fmt::Result {
     let (setup, all) = (&swarm.setup, swarm.poses.len());
     let (floor, params) = (setup.floor, &setup.params);
-    let places = if swarm.drawn { "drawn" } else { "listed" };
+    let places = if swarm.drawn.is_some() { "drawn" } else { "listed" };
     writeln!(
         out,
         "  swarm     {} of kind {}, numbered 0 to {}, on a floor from {:?} to {:?}",

@@ -19,6 +19,8 @@ mod scenario;
 mod schema;
 mod words;
 
+pub use scenario::FACES;
+
 use crate::family::generated::{Dice, GeneratedSwarm};
 use crate::family::{ExploredFamily, FamilyParts};
 use crate::scenario::Plan;
@@ -31,7 +33,7 @@ use crate::scenario::table::Section;
 use error::MetamoduleError;
 use metamorph_protocol::defects::Defect;
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::metamodule::params::Setup;
+use metamorph_protocol::metamodule::params::{Floor, Setup};
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::metamodule::start::draw_start;
 use metamorph_protocol::time::Time;
@@ -109,8 +111,8 @@ impl FamilyParts for MetamoduleFamily {
 /// A swarm of metamodules.
 #[derive(Clone, Debug)]
 pub struct Metamodules {
-    /// True if the start places are drawn from the seed of the run.
-    pub drawn: bool,
+    /// The area in which the start places are drawn from the seed of the run; `None` if they are listed.
+    pub drawn: Option<Floor>,
     /// The start poses; a metamodule's number is its index.
     pub poses: Vec<Pose>,
     /// Random starts rejected because a metamodule was enclosed.
@@ -136,10 +138,8 @@ impl SwarmPlan for Metamodules {
         self.setup.params.strategy.name().to_owned()
     }
     fn with_seed(&self, seed: u64) -> Result<Option<Swarm>, ScenarioError> {
-        if !self.drawn {
-            return Ok(None);
-        }
-        let start = draw_start(&self.setup, self.poses.len(), seed).map_err(MetamoduleError::from)?;
+        let Some(area) = self.drawn else { return Ok(None) };
+        let start = draw_start(&self.setup, area, self.poses.len(), seed).map_err(MetamoduleError::from)?;
         Ok(Some(Swarm::new(Metamodules { poses: start.poses, redrawn: start.redrawn, ..self.clone() })))
     }
     fn defect(&self) -> Option<Defect> {

@@ -38,6 +38,8 @@ enum RawStart {
     /// Drawn from the seed of the run.
     #[default]
     Random,
+    /// Drawn likewise, in this area of the floor.
+    Within(Floor),
     /// At these connectors, rotated by quarter turns.
     Listed(Vec<At<GridState>>),
 }
@@ -213,7 +215,7 @@ impl RawMetamodules {
     /// Returns the number of metamodules; `seeds` is the number that the largest goal needs.
     fn count(&self, seeds: usize, diagnostics: &mut Diagnostics) -> Option<usize> {
         let listed = match &self.start.value {
-            RawStart::Random => None,
+            RawStart::Random | RawStart::Within(_) => None,
             RawStart::Listed(places) => Some(places.len()),
         };
         let (metamodules, place) = match (&self.count, listed) {
@@ -245,13 +247,16 @@ impl RawMetamodules {
         seed: u64,
         diagnostics: &mut Diagnostics,
     ) -> Option<Swarm> {
-        let (drawn, start) = match &self.start.value {
-            RawStart::Random => (true, {
-                let start = draw_start(&setup, count, seed).map_err(MetamoduleError::from);
-                diagnostics.note(&self.start.place, start)?
-            }),
-            RawStart::Listed(places) => {
-                (false, Start { poses: listed(&setup, places, diagnostics), redrawn: 0 })
+        let drawn = match &self.start.value {
+            RawStart::Random => Some(setup.floor),
+            RawStart::Within(area) => Some(*area),
+            RawStart::Listed(_) => None,
+        };
+        let start = match (&self.start.value, drawn) {
+            (RawStart::Listed(places), _) => Start { poses: listed(&setup, places, diagnostics), redrawn: 0 },
+            (_, area) => {
+                let start = draw_start(&setup, area.unwrap_or(setup.floor), count, seed);
+                diagnostics.note(&self.start.place, start.map_err(MetamoduleError::from))?
             }
         };
         let Start { poses, redrawn } = start;
@@ -495,8 +500,10 @@ impl Read for RawStart {
                 let read = |n: &Node<'_>| read_place(n, diagnostics).map(|state| At::new(state, n.span()));
                 places.iter().map(read).collect::<Option<_>>().map(RawStart::Listed)
             }
+            DeValue::Table(_) => Floor::read(node, diagnostics).map(RawStart::Within),
             other => {
-                diagnostics.add(node.span(), wrong("\"random\" or a list of places", other, START));
+                let expected = "\"random\", an area or a list of places";
+                diagnostics.add(node.span(), wrong(expected, other, START));
                 None
             }
         }

@@ -42,7 +42,8 @@ pub fn schema() -> FamilySchema {
 
 /// Returns the schema of `[swarm]`.
 fn swarm() -> Value {
-    let start = json!({ "anyOf": [{ "const": "random" }, { "type": "array", "items": of("place") }] });
+    let start =
+        json!({ "anyOf": [{ "const": "random" }, of("floor"), { "type": "array", "items": of("place") }] });
     let range = or(
         COMMUNICATION_RANGE,
         json!({ "type": "integer", "minimum": LEAST_COMMUNICATION_RANGE, "maximum": MAX_COMMUNICATION_RANGE }),
@@ -60,7 +61,7 @@ fn swarm() -> Value {
             "floor": or(json!({ "min": FLOOR.min, "max": FLOOR.max }), of("floor")),
             "communication_range": said("The communication range in connectors.", range.clone()),
             "hearing": former("communication_range", range),
-            "start": said("Drawn from the seed of the run, or a list.", or("random", start)),
+            "start": said("Drawn from the seed of the run, on the whole floor or in an area of it, or a list.", or("random", start)),
             "turn_time": or(BEAT.to_string(), of("time")),
             "failed_connections": seldom(),
             "element": said(

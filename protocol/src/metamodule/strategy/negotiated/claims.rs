@@ -19,6 +19,9 @@ const LATER: i64 = 1 << 20;
 const UNREACHABLE: i64 = 1 << 30;
 /// The number of moves assumed where there is no route; there may be one by the time the seed opens.
 const FAR: i64 = 1 << 10;
+/// Seeds of a goal up to which later ones are shared out together with the open ones. Every seed costs a search over the
+/// whole floor.
+const SHARED: usize = 32;
 /// How long a seed counts as unreachable if the fixed cells do not change, in multiples of `patience`.
 const UNREACHABLE_FOR: u64 = 4;
 
@@ -175,7 +178,8 @@ impl Claims {
         open.iter().min_by_key(|s| steps(scene, &[scene.v.own.pose], *s))
     }
 
-    /// The seed that falls to this metamodule if all unclaimed ones are shared out among those without one,
+    /// The seed that falls to this metamodule if all unclaimed ones (of large goals the open ones) are shared out among
+    /// those without one,
     /// with the fewest moves; open seeds before later ones.
     fn share(&self, scene: &Scene<'_>, open: SeedSet, claimed: SeedSet) -> Option<u8> {
         let own = scene.v.own;
@@ -185,7 +189,8 @@ impl Claims {
         walkers.sort_by_key(|w| w.0);
         let poses: Vec<Pose> = walkers.iter().map(|w| w.1).collect();
         let left = scene.v.goal().all().without(own.filled).without(claimed);
-        let seeds: Vec<u8> = left.iter().collect();
+        let shared = if scene.v.goal().seeds().len() > SHARED { open } else { left };
+        let seeds: Vec<u8> = shared.iter().collect();
         let steps: Vec<Vec<i64>> = seeds.iter().map(|s| steps(scene, &poses, *s)).collect();
         let cost = |walker: usize, place: usize| {
             let ((_, _, unreachable), seed) = (walkers[walker], seeds[place]);

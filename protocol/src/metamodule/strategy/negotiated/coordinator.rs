@@ -266,7 +266,8 @@ fn arrangement(scene: &Scene<'_>) -> u64 {
     let poses = scene.movable.iter().map(|(_, pose)| *pose).chain([own.pose]);
     let tells = |p: Pose| [p.state.x as u64, p.state.y as u64, p.state.class.into(), p.posture.into()];
     let poses = poses.map(|p| tells(p).into_iter().fold(0, mix)).fold(0, u64::wrapping_add);
-    let task = [own.task.epoch.into(), own.filled.0.into()];
+    let (low, high) = (own.filled.0 as u64, (own.filled.0 >> 64) as u64);
+    let task = [own.task.epoch.into(), if high == 0 { low } else { mix(low, high) }];
     task.into_iter().chain([fingerprint(&scene.stays)]).fold(poses, mix)
 }
 
