@@ -164,6 +164,7 @@ const LAYERS: [(&str, &[&str]); 4] = [
             "plan",
             "gait",
             "family",
+            "room",
             "structure",
             "experiments",
             "learn",
@@ -228,7 +229,7 @@ fn the_wait_loop_and_the_controller_loop_name_no_transport() {
 
 /// The folders of families, and the places outside of them that may name a family: benchmarks and published
 /// experiments are about one family each, and the command line has a command of one.
-const OF_FAMILIES: [&str; 15] = [
+const OF_FAMILIES: [&str; 16] = [
     "protocol/src/cube",
     "protocol/src/metamodule",
     "protocol/src/free_module",
@@ -245,6 +246,8 @@ const OF_FAMILIES: [&str; 15] = [
     "world-controller/src/gait",
     "world-controller/src/structure",
     "world-controller/src/learn",
+    // Rooms are built by metamodules.
+    "world-controller/src/room",
 ];
 
 #[test]

@@ -6,7 +6,7 @@
 //! `report` says what a run did; `record` reads and writes journals; `view` makes the page and
 //! recordings for other viewers; `run` carries out one run, simulated, on processes or from a journal;
 //! `family` holds what belongs to one family of modules, and the list of them; `plan` plans for free modules;
-//! `gait` has gait files and learners; `structure` analyses their body and limbs;
+//! `gait` has gait files and learners; `room` has rooms of furniture; `structure` analyses their body and limbs;
 //! `experiments` carries out many runs; `learn` learns gaits; `pointing` finds the tile that a
 //! person points at; `cli` is the command line.
 //!
@@ -24,6 +24,7 @@ pub mod plan;
 pub mod pointing;
 pub mod record;
 pub mod report;
+pub mod room;
 pub mod run;
 pub mod scenario;
 pub mod structure;

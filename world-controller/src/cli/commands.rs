@@ -29,6 +29,7 @@ use crate::learn::{self, LearnArgs};
 use crate::plan::{self, PlanArgs as ReconfigurationArgs};
 use crate::pointing::{self, PointArgs};
 use crate::record::journal::JournalError;
+use crate::room::{self, RoomArgs};
 use crate::run::processes;
 use crate::run::replay;
 use crate::scenario::mesh_import::shape::{ShapeArgs, shape};
@@ -93,6 +94,9 @@ pub enum Command {
     /// Find the floor tile that a tracked person points at
     #[command(after_help = pointing::EXAMPLES)]
     Point(PointArgs),
+    /// Check a room with furniture against its constraints, put it right, measure it, or write the scenario that builds it
+    #[command(after_help = room::EXAMPLES)]
+    Room(Box<RoomArgs>),
     /// Generate random scenarios, run them, and shrink failures
     #[command(after_help = EXPLORE_EXAMPLES)]
     Explore(ExploreArgs),
@@ -185,6 +189,7 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
             pointing::point(&args)?;
             Ok(0)
         }
+        Command::Room(args) => Ok(room::room(&args)?),
         Command::Explore(args) => Ok(explore(&args.into())?),
         Command::Bench(args) => Ok(bench::bench(&args.into())?),
         Command::Doctor(args) => Ok(doctor(&args)),
