@@ -117,6 +117,7 @@ fn pairings_and_the_study_stand_beside_the_printed_numbers() {
     };
     assert_eq!(row(0, "graphs with more pairs than a maximum matching").1, "0 of 90");
     let (published, ours) = row(1, "local precision p_l, mobility");
+    assert_eq!(row(1, "global precision p_g, augmented, dynamic"), ("1.12 (.081)".to_owned(), String::new()));
     assert!(published.starts_with("F(1,46) 5.86") && ours.starts_with("F(1,46) 5.861, p 0.0195"), "{ours}");
 }
 

@@ -214,6 +214,9 @@ pub struct ReproduceArgs {
     /// Default: none
     #[arg(long, value_name = "FILES", value_delimiter = ',')]
     pub gaits: Vec<PathBuf>,
+    /// Session logs, for 8.2: their measures beside table 8.2 (several by commas). Default: none
+    #[arg(long, value_name = "FILES", value_delimiter = ',')]
+    pub study: Vec<PathBuf>,
     /// Number of concurrent runs; default: the number of processors
     #[arg(long, value_name = "N")]
     pub jobs: Option<NonZeroUsize>,
@@ -235,6 +238,7 @@ impl From<ReproduceArgs> for reproduce::Request {
             experiments: args.experiments,
             seeds: args.seeds,
             gaits: args.gaits,
+            studies: args.study,
             jobs: jobs(args.jobs),
             out: args.out,
             json: args.json,

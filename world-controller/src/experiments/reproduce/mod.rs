@@ -194,6 +194,8 @@ pub struct Request {
     pub json: Option<PathBuf>,
     /// Gait files whose learning curves are compared.
     pub gaits: Vec<PathBuf>,
+    /// Session logs that are measured beside table 8.2.
+    pub studies: Vec<PathBuf>,
     /// True to print errors only.
     pub quiet: bool,
 }

@@ -25,6 +25,7 @@ use crate::console::stopwatch::Stopwatch;
 use crate::console::terminal::{Channel, Live};
 use crate::family::read_text;
 use crate::plan::PlanError;
+use crate::room::study::LogError;
 use crate::scenario::diagnostics::Diagnostics;
 use crate::scenario::error::ScenarioError;
 use crate::scenario::{LinkKind, Loaded, Overrides, Plan, load, quote};
@@ -80,6 +81,9 @@ pub enum SweepError {
     /// A gait file is wrong.
     #[error(transparent)]
     Gaits(#[from] PlanError),
+    /// A session log cannot be read.
+    #[error("metamorph: --study {0}")]
+    Study(#[from] LogError),
     /// Signals cannot be caught.
     #[error("cannot listen for Ctrl-C: {0}")]
     Signals(io::Error),
@@ -103,6 +107,7 @@ impl CommandError for SweepError {
             | SweepError::NotTogether(_)
             | SweepError::Scenario(_)
             | SweepError::Combination { .. }
+            | SweepError::Study(_)
             | SweepError::NoStart { .. } => BAD_USAGE,
             SweepError::Store(StoreError::Write { .. }) => FAILED,
             SweepError::Store(_) => BAD_USAGE,

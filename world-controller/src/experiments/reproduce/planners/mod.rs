@@ -22,6 +22,7 @@ use crate::console::terminal::{Channel, Paint};
 use crate::experiments::sweep::SweepError;
 use crate::gait::document::GaitFile;
 use crate::gait::file;
+use crate::room::study::{Session, read};
 use metamorph_sim_bridge::director::outcome::Outcome;
 use serde::Serialize;
 
@@ -85,6 +86,7 @@ pub fn reproduce(experiments: &[Experiment], request: &Request) -> Result<u8, Sw
     let gaits: Vec<GaitFile> = (request.gaits.iter())
         .map(|path| file::read(&format!("--gaits {}", path.shown()), path))
         .collect::<Result<_, _>>()?;
+    let sessions: Vec<Session> = request.studies.iter().map(|path| read(path)).collect::<Result<_, _>>()?;
     let interrupt = Interrupt::listen().map_err(SweepError::Signals)?;
     interrupt.begin();
     let mut planners = Vec::new();
@@ -100,7 +102,7 @@ pub fn reproduce(experiments: &[Experiment], request: &Request) -> Result<u8, Sw
             Experiment::Torque => torque::table(),
             Experiment::Transport => transport::table(request.seeds, &interrupt),
             Experiment::AppendixB => appendix_b::table(),
-            Experiment::Study => study::table(),
+            Experiment::Study => study::table(&sessions),
             Experiment::Pairing => pairing::table(request.seeds, &interrupt),
             Experiment::Operated => operated::table(request, &interrupt)?,
             Experiment::Planned => planned::table(request, &interrupt)?,

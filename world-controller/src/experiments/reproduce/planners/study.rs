@@ -1,10 +1,11 @@
-//! The study of thesis 8.2: F values recomputed from the means and standard deviations of table 8.2.
+//! The study of thesis 8.2: what is printed, F values recomputed from it, and the sessions of other people beside it.
 //!
 //! 24 people arranged furniture, each in two of four conditions: representation (virtual, augmented) by mobility of
 //! the camera (static, dynamic), 12 runs each. The runs themselves are not printed.
 
 use super::PlannerTable;
 use crate::experiments::reproduce::Experiment;
+use crate::room::study::{Mobility, Representation, Session};
 
 /// Runs of one condition.
 const RUNS: f64 = 12.0;
@@ -12,27 +13,42 @@ const RUNS: f64 = 12.0;
 /// A measure of table 8.2.
 struct Measure {
     name: &'static str,
+    /// The unit of a cell.
+    unit: &'static str,
     /// Mean and standard deviation: virtual static, virtual dynamic, augmented static, augmented dynamic.
     cells: [(f64, f64); 4],
     /// F and p as printed: of the representation, of the mobility.
     published: [&'static str; 2],
+    /// The cells as printed.
+    printed: [&'static str; 4],
+    /// The same measure of a session.
+    of: fn(&Session) -> Option<f64>,
 }
 
 const TABLE_8_2: [Measure; 3] = [
     Measure {
         name: "local precision p_l",
+        unit: " (m)",
         cells: [(0.73, 0.26), (0.55, 0.29), (0.81, 0.39), (0.60, 0.13)],
         published: [".65, p .42", "5.86, p .0196"],
+        printed: [".73 (.26)", ".55 (.29)", ".81 (.39)", ".60 (.13)"],
+        of: |session| session.precision.map(|p| p.p_l),
     },
     Measure {
         name: "global precision p_g",
+        unit: "",
         cells: [(1.23, 0.19), (1.13, 0.069), (1.19, 0.10), (1.12, 0.081)],
         published: [".57, p .45", "5.94, p .0187"],
+        printed: ["1.23 (.19)", "1.13 (.069)", "1.19 (.10)", "1.12 (.081)"],
+        of: |session| session.precision.and_then(|p| p.p_g),
     },
     Measure {
         name: "completion time",
+        unit: " (s)",
         cells: [(194.13, 102.31), (225.64, 151.96), (185.76, 67.61), (229.38, 69.97)],
         published: [".006, p .94", "1.57, p .22"],
+        printed: ["194.13 (102.31)", "225.64 (151.96)", "185.76 (67.61)", "229.38 (69.97)"],
+        of: |session| Some(session.time_s),
     },
 ];
 
@@ -44,10 +60,36 @@ const FACTORS: [(&str, [usize; 2], [usize; 2]); 2] =
 const ONE_WAY: u32 = 46;
 const TWO_WAY: u32 = 44;
 
+/// The conditions in the order of [`Measure::cells`].
+const CONDITIONS: [(&str, Representation, Mobility); 4] = [
+    ("virtual, static", Representation::Virtual, Mobility::Static),
+    ("virtual, dynamic", Representation::Virtual, Mobility::Dynamic),
+    ("augmented, static", Representation::Augmented, Mobility::Static),
+    ("augmented, dynamic", Representation::Augmented, Mobility::Dynamic),
+];
+
+/// What the text of chapter 8 counts besides.
+const COUNTS: [(&str, &str); 8] = [
+    ("people; women; mean age", "24; 8; 27.3"),
+    ("small, medium, large displacements (table 8.3): virtual, dynamic", "2, 1, 9"),
+    ("small, medium, large displacements (table 8.3): augmented, dynamic", "1, 5, 6"),
+    ("table placed first: static; dynamic", "20 of 24; 19 of 24"),
+    ("preferred to move; preferred augmented", "10 of 12; 9 of 12"),
+    ("field of view too small", "16 of 24"),
+    ("intuitive; easy", "3.68; 3.59 (of 4)"),
+    ("errors in all final arrangements", "3"),
+];
+
 /// Makes the table.
-pub fn table() -> PlannerTable {
+pub fn table(sessions: &[Session]) -> PlannerTable {
     let mut table = PlannerTable::new(Experiment::Study);
     for measure in &TABLE_8_2 {
+        for ((condition, representation, mobility), printed) in CONDITIONS.iter().zip(measure.printed) {
+            let of =
+                sessions.iter().filter(|s| s.representation == *representation && s.mobility == *mobility);
+            let values: Vec<f64> = of.filter_map(measure.of).collect();
+            table.row(format!("{}, {condition}{}", measure.name, measure.unit), printed, spread(&values));
+        }
         for ((factor, low, high), published) in FACTORS.iter().zip(measure.published) {
             let (one, two) = (one_way(&measure.cells, *low, *high), two_way(&measure.cells, *low, *high));
             let ours = format!(
@@ -61,7 +103,11 @@ pub fn table() -> PlannerTable {
         let interaction = two_way(&measure.cells, [0, 3], [1, 2]);
         table.row(format!("{}, interaction", measure.name), "", format!("F(1,{TWO_WAY}) {interaction:.3}"));
     }
+    for (what, printed) in COUNTS {
+        table.row(what, printed, "");
+    }
     table.notes = vec![
+        "of each condition: mean (standard deviation); ours are the sessions of --study".to_owned(),
         "F(1,46) takes one factor and 48 independent runs; F(1,44) both factors and their interaction"
             .to_owned(),
         "each person gave two runs, which neither model respects".to_owned(),
@@ -69,9 +115,21 @@ pub fn table() -> PlannerTable {
             .to_owned(),
         "means and deviations are rounded in the thesis, which moves F in the second digit for p_g"
             .to_owned(),
-        "people cannot be simulated: nothing else of chapter 8 is reproduced".to_owned(),
+        "people cannot be simulated: what is counted of them is printed as it is".to_owned(),
     ];
     table
+}
+
+/// Returns the mean, the standard deviation and the number of the sessions of a condition.
+fn spread(values: &[f64]) -> String {
+    let many = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / many;
+    let squares: f64 = values.iter().map(|v| (v - mean) * (v - mean)).sum();
+    match values.len() {
+        0 => String::new(),
+        1 => format!("{mean:.3} (one session)"),
+        n => format!("{mean:.3} ({:.3}), {n} sessions", libm::sqrt(squares / (many - 1.0))),
+    }
 }
 
 /// Returns the sum of squares between two levels, and within the conditions.
@@ -110,6 +168,29 @@ fn p_value(f: f64, n: u32) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn sessions_are_beside_the_cells_of_their_condition() {
+        let log = |mobility: &str, end: f64| {
+            let head = format!(
+                r#"{{"study": 1, "representation": "augmented", "mobility": "{mobility}", "table": "t"}}"#
+            );
+            let look = |t: f64| format!(r#"{{"t": {t}, "action": "look"}}"#);
+            crate::room::study::session(&[head, look(1.0), look(end)].join("\n")).unwrap()
+        };
+        let sessions = [log("static", 101.0), log("static", 301.0), log("dynamic", 51.0)];
+        let table = table(&sessions);
+        let of = |what: &str| &table.rows.iter().find(|row| row.what == what).unwrap().ours;
+        assert_eq!(of("completion time, augmented, static (s)"), "200.000 (141.421), 2 sessions");
+        assert_eq!(of("completion time, augmented, dynamic (s)"), "50.000 (one session)");
+        assert_eq!(
+            (
+                of("completion time, virtual, static (s)").as_str(),
+                of("local precision p_l, augmented, static (m)").as_str()
+            ),
+            ("", "")
+        );
+    }
 
     /// Values computed by another program from the same table.
     #[test]
