@@ -460,6 +460,7 @@ impl<P: Prover> HostLink<P> {
         if !session.is_open() {
             return Err(Refused::OtherLife);
         }
+        let weight = content.weight();
         match content {
             Content::Frames { first, frames } => {
                 for frame in session.take_frames(first, &frames, &self.config)? {
@@ -482,7 +483,7 @@ impl<P: Prover> HostLink<P> {
             // Greetings are taken before.
             Content::Hello { .. } | Content::Accept { .. } | Content::Confirm { .. } => {}
         }
-        if session.hear(now, &self.config) {
+        if session.hear(now, weight, &self.config) {
             self.attempts = None;
         }
         Ok(())

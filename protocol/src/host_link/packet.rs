@@ -35,6 +35,8 @@ use thiserror::Error;
 pub const VERSION: u16 = 1;
 /// The largest packet in bytes: carriers need not split it.
 pub const MAX_PACKET: usize = 60_000;
+/// The place of the kind in a packet: carriers may give kinds different urgency.
+pub const KIND_AT: usize = 6;
 /// The length of the header of a packet in bytes.
 pub const HEADER: usize = 39;
 /// The largest part of a stream in one packet, in bytes.
@@ -190,6 +192,20 @@ pub enum PacketError {
 }
 
 impl Content {
+    /// Returns how much of a window the content fills, so that an acknowledgement comes before the window is full: 64 for a
+    /// quarter of the frames or bytes that may be under way.
+    pub(super) fn weight(&self) -> u32 {
+        let (part, whole) = match self {
+            Content::Frames { frames, .. } => (frames.len(), super::FRAME_WINDOW / 4),
+            Content::Stream { bytes, .. } | Content::Bulk { bytes, .. } => {
+                (bytes.len(), super::STREAM_WINDOW / 4)
+            }
+            _ => (0, 1),
+        };
+        // Invariant: a packet is at most 60,000 bytes long.
+        (64 * part / whole) as u32
+    }
+
     const fn kind(&self) -> u8 {
         match self {
             Content::Hello { .. } => 1,

@@ -162,9 +162,10 @@ impl Session {
     }
 
     /// Notes that the other end has been heard. Returns true if it was silent before, or not confirmed.
-    pub fn hear(&mut self, now: Time, config: &Config) -> bool {
+    /// `weight` is what it brought, beyond one packet, in sixty-fourths of what makes an acknowledgement due.
+    pub fn hear(&mut self, now: Time, weight: u32, config: &Config) -> bool {
         self.heard_at = self.heard_at.max(now);
-        self.since_ack += 1;
+        self.since_ack += 1 + weight;
         if self.since_ack >= PACKETS_PER_ACK {
             self.ack_at = now;
         }
@@ -196,6 +197,12 @@ impl Session {
 
     /// Returns the frames of one packet, if it is full or due.
     pub fn take_batch(&mut self, now: Time, at_once: bool) -> Option<Content> {
+        if !self.is_open() {
+            // They have been given up with all others under way.
+            self.batch.clear();
+            (self.batch_bytes, self.batch_at) = (0, Time::NEVER);
+            return None;
+        }
         let is_full = self.batch_bytes > BATCH_BYTES - Frame::SIZE;
         if self.batch.is_empty() || !(at_once || is_full || now >= self.batch_at) {
             return None;

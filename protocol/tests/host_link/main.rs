@@ -1,6 +1,7 @@
 //! The link between two hosts over a carrier that loses, doubles, reorders, cuts and restarts: random runs, and all runs
 //! within small bounds. Each known defect is found.
 
+mod hostile;
 mod pair;
 
 use metamorph_protocol::defects::HostLinkDefect;
