@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 /// Identifies the file; the last byte is the version of the layout.
 const MAGIC: [u8; 8] = *b"MMCLOCK\x01";
 /// Size of the file in bytes: magic, two stretches, the end of the promise, a check sum.
-const SIZE: usize = 8 + 2 * 24 + 8 + 4;
+pub const SIZE: usize = 8 + 2 * 24 + 8 + 4;
 /// Largest number of reads of a page whose check sum does not fit, as while it is being written.
 const ATTEMPTS: usize = 64;
 
@@ -94,7 +94,18 @@ impl Page {
         Page { now, next, until: from.saturating_add(nanos) }
     }
 
-    fn encode(&self) -> [u8; SIZE] {
+    /// Returns the page by a clock that is ahead by `by` nanoseconds of the one that it was written by.
+    pub const fn shifted(&self, by: i64) -> Page {
+        let Page { now, next, until } = *self;
+        Page {
+            now: Stretch { from: now.from.saturating_add_signed(by), time: now.time, speed: now.speed },
+            next: Stretch { from: next.from.saturating_add_signed(by), time: next.time, speed: next.speed },
+            until: until.saturating_add_signed(by),
+        }
+    }
+
+    /// Returns the bytes of the page, as other hosts get it.
+    pub fn encode(&self) -> [u8; SIZE] {
         let mut bytes = [0; SIZE];
         bytes[..8].copy_from_slice(&MAGIC);
         for (stretch, out) in [&self.now, &self.next].into_iter().zip(bytes[8..56].chunks_exact_mut(24)) {
@@ -111,7 +122,7 @@ impl Page {
     }
 
     /// Decodes the output of [`Page::encode`]; `None` if it is torn, foreign or of another version.
-    fn decode(bytes: &[u8; SIZE]) -> Option<Page> {
+    pub fn decode(bytes: &[u8; SIZE]) -> Option<Page> {
         let (body, sum) = bytes.split_last_chunk::<4>()?;
         if crc32fast::hash(body) != u32::from_le_bytes(*sum) || !body.starts_with(&MAGIC) {
             return None;

@@ -115,6 +115,32 @@ impl<S: DeserializeOwned> SwarmFile<S> {
     }
 }
 
+/// The part of a swarm file before the family's own, with its length in bytes, if the file can be read that far.
+fn common_part(bytes: &[u8]) -> Option<(SwarmFile<()>, usize)> {
+    let body = bytes.strip_prefix(&MAGIC)?.get(2..)?;
+    // The setup is last, and `()` takes no bytes.
+    let (file, used) = bincode::serde::decode_from_slice(body, standard().with_limit::<LIMIT>()).ok()?;
+    Some((file, MAGIC.len() + 2 + used))
+}
+
+/// True if the agents of this swarm file keep a journal.
+pub fn keeps_journal(bytes: &[u8]) -> bool {
+    common_part(bytes).is_some_and(|(file, _)| file.journal.is_some())
+}
+
+/// Returns the bytes of a swarm file whose agents write their parts of the journal into another directory, as on another
+/// machine. Bytes that are no swarm file stay as they are, and agents refuse them.
+pub fn with_parts_in(bytes: &[u8], directory: &Path) -> Vec<u8> {
+    let Some((mut file, common)) = common_part(bytes) else { return bytes.to_vec() };
+    if let Some(parts) = &mut file.journal {
+        parts.dir = directory.to_owned();
+    }
+    match bincode::serde::encode_to_vec(&file, standard()) {
+        Ok(body) => [&bytes[..MAGIC.len() + 2], &body, &bytes[common..]].concat(),
+        Err(_) => bytes.to_vec(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -153,6 +179,19 @@ mod tests {
         assert!(matches!(read_with(&|b| b[4] = 1), SwarmFileError::Version(_, 1)));
         assert!(matches!(read_with(&|b| b.push(0)), SwarmFileError::Content(..)));
         assert!(matches!(read_with(&|b| b.truncate(9)), SwarmFileError::Content(..)));
+    }
+
+    #[test]
+    fn parts_are_kept_elsewhere_on_another_machine() {
+        let dir = tempfile::tempdir().unwrap();
+        sample().write(dir.path()).unwrap();
+        let bytes = fs::read(path(dir.path())).unwrap();
+        assert!(keeps_journal(&bytes) && !keeps_journal(&bytes[..9]));
+        fs::write(path(dir.path()), with_parts_in(&bytes, Path::new("/there"))).unwrap();
+        let Parts { run, .. } = sample().journal.unwrap();
+        let journal = Some(Parts { dir: "/there".into(), run });
+        assert_eq!(SwarmFile::read(dir.path()).unwrap(), SwarmFile { journal, ..sample() });
+        assert_eq!(with_parts_in(b"no swarm file", Path::new("/there")), b"no swarm file");
     }
 
     proptest! {

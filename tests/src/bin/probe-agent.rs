@@ -3,9 +3,10 @@
 use metamorph_module_agent::{AgentArgs, run};
 use metamorph_tests::probe::Probe;
 use metamorph_world_controller::console::shutdown::Shutdown;
-use metamorph_world_controller::swarm::{DaemonOptions, daemon};
+use metamorph_world_controller::swarm::{Address, DaemonOptions, MODULE_LIMIT, daemon};
 use std::error::Error;
 use std::ffi::OsString;
+use std::path::Path;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -29,8 +30,17 @@ fn try_main() -> Result<(), Box<dyn Error>> {
         && listen == "--listen"
     {
         let agents = |_: &str| Some((std::env::current_exe().ok()?, Vec::new()));
-        let (socket, shutdown) = (socket.into(), Shutdown::new());
-        return Ok(daemon(&DaemonOptions { build: 0, socket, once: true, agents, shutdown })?);
+        let address = Address::unix(Path::new(socket))?;
+        let (identity, most, shutdown) = (None, MODULE_LIMIT as u32, Shutdown::new());
+        return Ok(daemon(&DaemonOptions {
+            build: 0,
+            address,
+            identity,
+            most,
+            once: true,
+            agents,
+            shutdown,
+        })?);
     }
     Ok(run::<Probe>(&AgentArgs::parse(std::env::args_os().skip(1))?)?)
 }

@@ -9,7 +9,7 @@ use crate::family::{self, Family};
 use crate::run::replay;
 use crate::scenario::settings::Setting;
 use crate::scenario::{LinkKind, NEVER, Overrides, SEED, TIME_SCALE};
-use crate::swarm::HostsFile;
+use crate::swarm::{HostsFile, Placement};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use metamorph_protocol::ids::ModuleId;
@@ -359,6 +359,14 @@ pub struct CheckArgs {
     pub plan: PlanArgs,
 }
 
+/// Arguments of `clean`.
+#[derive(Debug, Args)]
+pub struct CleanArgs {
+    /// Have the daemons of this hosts file clean their hosts, too
+    #[arg(long, value_name = "FILE", value_parser = hosts)]
+    pub hosts: Option<HostsArg>,
+}
+
 /// Returns the help of an option that overrides a value of the scenario. `default` is the value that holds if
 /// the scenario does not set it either.
 fn left_out(what: &str, default: impl Display) -> String {
@@ -451,12 +459,20 @@ fn hosts(text: &str) -> Result<HostsArg, String> {
 
 impl From<PlanArgs> for (PathBuf, Overrides) {
     fn from(args: PlanArgs) -> (PathBuf, Overrides) {
-        let hosts = args.hosts.map(|hosts| Setting {
-            option: "--set",
-            text: format!("link.between_hosts.hosts={}", hosts.count),
+        let file = args.hosts.as_ref().and_then(|hosts| hosts.file.as_ref());
+        let error = file.and_then(|file| file.clock_error).map(|error| format!("clock_error=\"{error}\""));
+        let placement = file.and_then(|file| file.placement).map(|by| match by {
+            Placement::Blocks => "placement=\"blocks\"".to_owned(),
+            Placement::Cut => "placement=\"cut\"".to_owned(),
         });
         let scripted = |OperatorArg::Scripted| "operator.kind=scripted".to_owned();
         let operator = args.operator.map(scripted).map(|text| Setting { option: "--operator", text });
+        let hosts = args.hosts.as_ref().map(|hosts| format!("hosts={}", hosts.count));
+        let hosts = hosts
+            .into_iter()
+            .chain(error)
+            .chain(placement)
+            .map(|text| Setting { option: "--set", text: format!("link.between_hosts.{text}") });
         let set = args.set.into_iter().map(|text| Setting { option: "--set", text });
         let overrides = Overrides {
             link: match args.link {

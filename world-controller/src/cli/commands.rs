@@ -117,7 +117,7 @@ pub enum Command {
     Doctor(DoctorArgs),
     /// Remove what killed runs left behind
     #[command(after_help = CLEAN_EXAMPLES)]
-    Clean,
+    Clean(CleanArgs),
     /// Query the Roombots model: shapes, moves, kinematics, published tables
     Robot(RobotArgs),
     /// Draw figures of a run for papers: SVG, PNG, GIF and APNG, without a browser or a display
@@ -145,9 +145,11 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
         Command::Run(args) => run(args, since, interrupt),
         Command::View(args) => view(&args, since, interrupt),
         Command::Check(args) => {
+            let hosts = args.plan.hosts.as_ref().and_then(|hosts| hosts.file.clone());
             let (path, overrides) = args.plan.into();
-            print_out(&overview(&runs::plan(&path, &overrides)?));
-            Ok(0)
+            let plan = runs::plan(&path, &overrides)?;
+            print_out(&overview(&plan));
+            hosts.map_or(Ok(0), |file| host::check(&file, &plan))
         }
         Command::New(args) => Ok(new(&args)?),
         Command::Scenarios(args) => scenarios(&args),
@@ -193,9 +195,9 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
         Command::Explore(args) => Ok(explore(&args.into())?),
         Command::Bench(args) => Ok(bench::bench(&args.into())?),
         Command::Doctor(args) => Ok(doctor(&args)),
-        Command::Clean => {
+        Command::Clean(args) => {
             print_out(&processes::clean_up()?);
-            Ok(0)
+            args.hosts.as_ref().map_or(Ok(0), host::clean)
         }
         Command::Robot(args) => {
             robot::run(args)?;

@@ -103,10 +103,13 @@ fn fail(failure: &Failure) -> ExitCode {
     ExitCode::from(failure.exit_code)
 }
 
+/// zenoh reports as errors what is expected at the end of a session; of interest is whom its TLS refuses.
+const ZENOH: &str = "zenoh=off,zenoh_link_tls=warn";
+
 fn log_to_stderr(verbose: u8) {
     let level = ["warn", "info", "debug", "trace"][usize::from(verbose.min(3))];
     let filter = tracing_subscriber::EnvFilter::try_from_env("METAMORPH_LOG")
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(level));
+        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(format!("{level},{ZENOH}")));
     // Fails only if a subscriber is already installed.
     let _ = tracing_subscriber::fmt()
         .with_env_filter(filter)

@@ -172,8 +172,9 @@ pub fn run<R: Runnable>(swarm: &R, plan: &Plan, processes: Processes<'_>) -> Res
     // Agents on several hosts end with their daemons.
     options.control = page.control;
     options.patience = if keeping.is_some() && plan.link.hosts.is_none() { patience } else { Duration::ZERO };
-    if let Some(HostsFile { sockets, timing }) = hosts {
-        options.hosts = HostsOptions { sockets, timing, ..options.hosts };
+    if let Some(HostsFile { addresses, keys, clock_error, timing, .. }) = hosts {
+        let clock_error = clock_error.unwrap_or_default();
+        options.hosts = HostsOptions { addresses, keys, clock_error, timing, ..options.hosts };
     }
     let brain = swarm.director(plan);
     let mut director =
@@ -373,18 +374,5 @@ impl<R: Runnable> DirectorPort<R::World> for Watched<'_, R> {
 
 /// Removes what killed runs of this user left behind, and describes what was removed.
 pub fn clean_up() -> Result<String, ProcessError> {
-    let done = clean()?;
-    let mut said = match done.runs.len() {
-        0 => "nothing was left behind".to_owned(),
-        n => format!(
-            "removed what {} left behind: {}, {} of shared memory",
-            many(n as u64, "killed run"),
-            many(done.agents_killed as u64, "process"),
-            many(done.files, "file")
-        ),
-    };
-    if done.alive > 0 {
-        said.push_str(&format!("; left {} alone", many(done.alive as u64, "live run")));
-    }
-    Ok(said)
+    Ok(clean()?.to_string())
 }

@@ -3,18 +3,24 @@
 
 use super::diagnostics::{At, Diagnostics, Place};
 use super::error::{LONGEST, ScenarioError};
+use super::placement;
 use super::raw::RawLink;
 use super::schema::{Definitions, of, said, table, text};
 use super::table::{Delay, Node, Read, Section, elements, span, wrong};
-use metamorph_protocol::ids::HostId;
+use metamorph_protocol::ids::{HostId, ModuleId};
 use metamorph_protocol::link::{ClockOffset, Hosts, LinkModel};
 use metamorph_protocol::time::Span;
 use serde_json::json;
+use std::iter::repeat_n;
 use thiserror::Error;
 use toml::de::DeValue;
 
 /// Hosts of one swarm at most.
 pub const MAX_HOSTS: usize = 256;
+/// How late a clock of another machine may be read (real time).
+const READING: Span = Span::millis(1);
+/// The least difference of clocks of several machines that protocols bear.
+const LEAST_SKEW: Span = Span::millis(5);
 const PAIR: &str = "hosts = [\"h1\", \"h2\"]";
 
 /// What is wrong with the hosts of a scenario.
@@ -76,7 +82,9 @@ impl HostsProblem {
             }
             HostsProblem::Clocks { hosts, .. } => format!("write {hosts} times"),
             HostsProblem::Reference => "write `0s` as the first time".into(),
-            HostsProblem::Skew { .. } => "write smaller differences, or make moves longer".into(),
+            HostsProblem::Skew { .. } => {
+                "write smaller differences, make moves longer, or lower `time_scale`".into()
+            }
         }
     }
 }
@@ -106,17 +114,38 @@ impl Division {
         }
     }
 
-    /// Returns the home of each module.
-    fn homes(&self, modules: usize) -> Vec<HostId> {
-        let sizes: Vec<usize> = match self {
+    /// Returns the number of modules on each host.
+    fn sizes(&self, modules: usize) -> Vec<usize> {
+        match self {
             Division::Equal(_) => {
                 let hosts = self.hosts();
                 (0..hosts).map(|i| modules / hosts + usize::from(i < modules % hosts)).collect()
             }
             Division::Blocks(sizes) => sizes.iter().map(|size| *size as usize).collect(),
-        };
-        // Invariant: there are fewer than 2^16 hosts.
-        (0u16..).zip(sizes).flat_map(|(host, size)| std::iter::repeat_n(HostId(host), size)).collect()
+        }
+    }
+}
+
+/// Which modules are at home on which host.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Placement {
+    /// Blocks of module numbers.
+    #[default]
+    Blocks,
+    /// Parts of the start with few contacts between them.
+    Cut,
+}
+
+const PLACEMENTS: [(&str, Placement); 2] = [("blocks", Placement::Blocks), ("cut", Placement::Cut)];
+
+impl Placement {
+    /// Returns the home of each module.
+    fn homes(self, sizes: &[usize], contacts: Option<Vec<(ModuleId, ModuleId)>>) -> Vec<HostId> {
+        match (self, contacts) {
+            (Placement::Cut, Some(contacts)) => placement::cut(&contacts, sizes),
+            // Invariant: there are fewer than 2^16 hosts.
+            _ => (0u16..).zip(sizes).flat_map(|(host, size)| repeat_n(HostId(host), *size)).collect(),
+        }
     }
 }
 
@@ -156,8 +185,10 @@ pub type Pair = [At<String>; 2];
 pub struct RawHosts {
     place: Place,
     division: Option<At<Division>>,
+    placement: Placement,
     link: RawLink,
     skew: Option<At<Vec<ClockOffset>>>,
+    clock_error: Option<At<Span>>,
     pairs: Vec<(Pair, RawLink)>,
 }
 
@@ -166,18 +197,21 @@ impl RawHosts {
     pub fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<RawHosts> {
         let mut section = Section::of(node, "[link.between_hosts]", "hosts = 3", diagnostics)?;
         let division = section.need("hosts", "hosts = 3", diagnostics);
+        let placement =
+            section.choice("placement", "placement", &PLACEMENTS, diagnostics).unwrap_or_default();
         let link = RawLink::read_rates(&mut section, diagnostics);
         let skew = section.node("skew").and_then(|node| {
             let clocks = elements(node, "skew = [\"0s\", \"12ms\"]", diagnostics)?;
             let clocks = clocks.iter().map(|clock| Offset::read(clock, diagnostics).map(|o| o.0));
             Some(At::new(clocks.collect::<Option<Vec<_>>>()?, node.span()))
         });
+        let clock_error = section.get("clock_error", diagnostics);
         let pairs =
             section.node("pair").and_then(|node| elements(node, "[[link.between_hosts.pair]]", diagnostics));
         let pairs = pairs.into_iter().flat_map(|array| array.iter());
         let pairs = pairs.filter_map(|node| read_pair(node, diagnostics)).collect();
         section.finish(diagnostics);
-        Some(RawHosts { place: node.span().into(), division, link, skew, pairs })
+        Some(RawHosts { place: node.span().into(), division, placement, link, skew, clock_error, pairs })
     }
 
     /// Returns the place of the table.
@@ -218,10 +252,26 @@ impl RawHosts {
         Span(clocks.map(|clock| clock.0.unsigned_abs()).max().unwrap_or(0))
     }
 
+    /// Returns the scenario time by which clocks of several machines may differ at `speed`: both of two clocks may be off,
+    /// and are read up to [`READING`] late.
+    fn uncertainty(&self, speed: f64) -> Span {
+        let Some(At { value, .. }) = self.clock_error else { return Span::ZERO };
+        // The speed is bounded, and thousandths are precise enough.
+        let thousandths = (speed * 1_000.0).round().clamp(1.0, 1e9) as u64;
+        ((value.min(LONGEST) + READING) * 2 * thousandths / 1_000).max(LEAST_SKEW)
+    }
+
+    /// Returns the difference of clocks that protocols have to bear.
+    pub fn borne(&self, speed: f64) -> Span {
+        self.skew() + self.uncertainty(speed)
+    }
+
     /// Checks that actions can start in time although clocks differ; `start_within` is the time they have otherwise.
-    pub fn check_skew(&self, start_within: Span, diagnostics: &mut Diagnostics) {
-        let (skew, most) = (self.skew(), start_within / 4);
-        if let Some(At { place, .. }) = self.skew.as_ref().filter(|_| skew > most) {
+    pub fn check_skew(&self, speed: f64, start_within: Span, diagnostics: &mut Diagnostics) {
+        let (skew, most) = (self.borne(speed), start_within / 4);
+        let place = self.skew.as_ref().map(|skew| &skew.place);
+        let place = place.or(self.clock_error.as_ref().map(|error| &error.place));
+        if let Some(place) = place.filter(|_| skew > most) {
             diagnostics.add(place.clone(), HostsProblem::Skew { skew, most });
         }
     }
@@ -231,6 +281,7 @@ impl RawHosts {
         &self,
         within: &LinkModel,
         modules: usize,
+        contacts: impl FnOnce() -> Option<Vec<(ModuleId, ModuleId)>>,
         diagnostics: &mut Diagnostics,
     ) -> Option<Hosts> {
         let At { value: division, place } = self.division.as_ref()?;
@@ -257,7 +308,8 @@ impl RawHosts {
             // Invariant: the hosts exist and differ.
             links[index?] = raw.over(&between);
         }
-        let homes = division.homes(modules);
+        let contacts = if self.placement == Placement::Cut { contacts() } else { None };
+        let homes = self.placement.homes(&division.sizes(modules), contacts);
         Hosts::new(homes, clocks, links).ok()
     }
 
@@ -356,10 +408,20 @@ pub fn schema() -> Definitions {
                             "How many, each with an equal block of module numbers; or the number of modules on each.",
                             json!({ "anyOf": [number, sizes] }),
                         ),
+                        "placement": said(
+                            "Which modules are on which host: blocks of module numbers, or parts of the start with few \
+                             contacts between them (cut). Default: blocks.",
+                            json!({ "enum": ["blocks", "cut"] }),
+                        ),
                         "skew": said(
                             "How far the clock of each host is ahead of that of h1, such as 12ms or -8ms. If left \
                              out, all clocks agree.",
                             json!({ "type": "array", "items": text() }),
+                        ),
+                        "clock_error": said(
+                            "How far the clock of another machine may be off (real time); set by the hosts file. If left \
+                             out, there is one clock.",
+                            of("time"),
                         ),
                         "pair": said(
                             "Links of two hosts that differ from the others. If left out, all are alike.",

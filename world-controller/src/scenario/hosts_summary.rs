@@ -14,12 +14,16 @@ pub fn write(out: &mut String, plan: &Plan, hosts: &Hosts) -> Result {
     let modules = plan.swarm.len();
     // Invariant: there are fewer than 2^16 hosts.
     let all = || (0..hosts.len() as u16).map(HostId);
-    let mut first = 0;
     let mut list: Vec<String> = Vec::new();
     for host in all() {
-        let size = hosts.modules(host).count();
-        list.push(format!("{host} modules {first} to {}", first + size - 1));
-        first += size;
+        let modules: Vec<u32> = hosts.modules(host).map(|id| id.0).collect();
+        // Invariant: each host has at least one module.
+        let (first, last) = (modules[0], modules[modules.len() - 1]);
+        let is_block = (last - first) as usize + 1 == modules.len();
+        list.push(match is_block {
+            true => format!("{host} modules {first} to {last}"),
+            false => format!("{host} {} between {first} and {last}", many(modules.len() as u64, "module")),
+        });
     }
     writeln!(out, "  hosts     {}{}", list[..list.len().min(SHOWN)].join(", "), dots(list.len()))?;
     if let Some(contacts) = plan.swarm.contacts() {

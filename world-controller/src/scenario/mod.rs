@@ -22,6 +22,7 @@ pub mod hosts;
 mod hosts_summary;
 pub mod mesh_import;
 pub mod operator;
+mod placement;
 pub mod plan;
 pub mod plan_summary;
 pub mod raw;

@@ -7,7 +7,6 @@ use super::diagnostics::{At, Diagnostics};
 use super::error::{LONGEST, SHORTEST, ScenarioError};
 use super::family::{DraftContext, FamilySpec, Patience};
 use super::faults::{self, Bounds, HostCut, Planned};
-use super::hosts::RawHosts;
 use super::raw::{Raw, default_delay};
 use super::table::Delay;
 use super::{LinkKind, Overrides, Plan, StagePlan};
@@ -43,14 +42,15 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
     let Delay(_, usual) = default_delay(LinkKind::Sim, time_step);
     let worst = raw.hosts.as_ref().map_or_else(|| link.clone(), |hosts| hosts.worst(&link));
     let passage = Passage::of(&worst, usual_delay, usual);
-    let skew = raw.hosts.as_ref().map_or(Span::ZERO, RawHosts::skew);
+    let speed = raw.time_scale.as_ref().map_or(TIME_SCALE, |scale| scale.value);
+    let skew = raw.hosts.as_ref().map_or(Span::ZERO, |hosts| hosts.borne(speed));
     let context = DraftContext { time_step, usual_delay, passage, skew, seed: raw.seed };
     let draft = swarm.draft(&context, diagnostics)?;
     link.controller = raw.controller.as_ref().map(|c| c.compile(overrides.link, diagnostics));
     let mut stop = stop(raw, &draft.patience, link.controller.as_ref(), diagnostics);
     let mut faults = Vec::new();
     if draft.modules > 0 {
-        let mut hosts = hosts(raw, overrides.link, &link, &draft, diagnostics);
+        let mut hosts = hosts(raw, overrides.link, &link, (speed, &draft), diagnostics);
         let timeout = stop.timeout.since(Time::ZERO);
         let bounds = Bounds { modules: draft.modules, hosts: hosts.as_ref(), timeout };
         let mut compiled = faults::compile(&raw.faults, &bounds, diagnostics);
@@ -99,7 +99,7 @@ fn hosts(
     raw: &Raw,
     kind: LinkKind,
     link: &LinkModel,
-    draft: &FamilySpec,
+    (speed, draft): (f64, &FamilySpec),
     diagnostics: &mut Diagnostics,
 ) -> Option<Hosts> {
     let hosts = raw.hosts.as_ref()?;
@@ -109,9 +109,10 @@ fn hosts(
         diagnostics.add(hosts.place().clone(), ScenarioError::NotYet { what, instead });
     }
     if let Some(start_within) = draft.start_within {
-        hosts.check_skew(start_within, diagnostics);
+        hosts.check_skew(speed, start_within, diagnostics);
     }
-    hosts.compile(link, draft.modules, diagnostics)
+    let contacts = || draft.swarm.as_ref().and_then(|swarm| swarm.contacts());
+    hosts.compile(link, draft.modules, contacts, diagnostics)
 }
 
 fn bounded(

@@ -24,8 +24,11 @@ mod supervisor;
 mod watch;
 
 pub use crate::swarm::hosts::{
-    DaemonError, DaemonOptions, HostsFile, HostsFileError, HostsOptions, build, daemon,
+    Address, AddressError, DaemonError, DaemonOptions, HostsFile, HostsFileError, HostsOptions, NetCost,
+    NetCosts, Placement, ReachError, Survey, build, daemon, host_status,
 };
+#[cfg(feature = "hosts")]
+pub use crate::swarm::hosts::{KeysError, NetBenchError, make_keys, measure_net};
 pub use crate::swarm::links::{descriptor_limit, descriptors_needed};
 pub use crate::swarm::memory::run_in_memory;
 pub use crate::swarm::meter::Meter;

@@ -95,7 +95,7 @@ where
         let services = Services::<Processes> { launcher, transport, pace, reserve, dir: Some(&dir) };
         return ControllerLoop::new(options, services, world, director, begun).run();
     };
-    let (transport, launcher) = backend(fleet, transport, launcher, dir.root())?;
+    let (transport, launcher) = backend(fleet, transport, launcher, dir.root(), options.journal.as_ref())?;
     let services = Services::<Hosts> { launcher, transport, pace, reserve, dir: Some(&dir) };
     ControllerLoop::new(options, services, world, director, begun).run()
 }

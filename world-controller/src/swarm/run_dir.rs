@@ -7,6 +7,7 @@
 //! lie beside it and start with its name and an underscore. The directory is removed last, so that the
 //! leftovers of a killed cleaner are found by the next.
 
+use crate::console::format::many;
 use crate::swarm::watch::Watch;
 use metamorph_module_agent::pid_directory;
 use metamorph_module_agent::run_dir::controller_lease::is_resumable;
@@ -17,6 +18,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{FlockOperation, flock};
 use rustix::process::{PidfdFlags, Signal, geteuid, pidfd_open, pidfd_send_signal};
 use std::collections::BTreeSet;
+use std::fmt;
 use std::fs::{self, DirBuilder, File};
 use std::io::{self, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
@@ -65,6 +67,25 @@ pub struct CleanReport {
     pub files: u64,
     /// Number of this user's live runs, which were left alone.
     pub alive: u32,
+}
+
+impl fmt::Display for CleanReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.runs.len() {
+            0 => write!(f, "nothing was left behind")?,
+            n => write!(
+                f,
+                "removed what {} left behind: {}, {} of shared memory",
+                many(n as u64, "killed run"),
+                many(self.agents_killed.into(), "process"),
+                many(self.files, "file")
+            )?,
+        }
+        match self.alive {
+            0 => Ok(()),
+            alive => write!(f, "; left {} alone", many(alive.into(), "live run")),
+        }
+    }
 }
 
 const OWNER: &str = "owner";
@@ -269,7 +290,7 @@ pub fn clean() -> Result<CleanReport, CleanError> {
 }
 
 /// Kills the live agents of a dead run and waits for their end. Returns their number.
-fn kill_agents(root: &Path) -> u32 {
+pub fn kill_agents(root: &Path) -> u32 {
     identities(root).map(|(_, agent)| u32::from(kill(agent))).sum()
 }
 

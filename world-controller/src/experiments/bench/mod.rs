@@ -11,6 +11,7 @@ mod churn;
 mod ends;
 mod flood;
 mod growth;
+mod hosts;
 mod machine;
 mod matching;
 mod part;
@@ -54,6 +55,8 @@ pub enum Name {
     Swarm,
     /// Modules of a swarm of processes die and are restarted
     Churn,
+    /// A link between machines beside bare zenoh; only in a program built with links between machines
+    Hosts,
 }
 
 /// The arguments of `metamorph bench`.
@@ -142,6 +145,8 @@ pub struct Results {
     swarm: Option<swarm::Swarms>,
     /// A swarm in which modules die.
     churn: Option<churn::Churn>,
+    /// A link between machines, if the program has them.
+    hosts: Option<hosts::HostCosts>,
 }
 
 /// Executes the request, and returns the exit code.
@@ -163,6 +168,7 @@ pub fn bench(request: &Request) -> Result<u8, BenchError> {
         busy: Vec::new(),
         swarm: None,
         churn: None,
+        hosts: None,
     };
     channel.say(&text::machine(&results.machine));
     let mut live = Live::new(!request.quiet);
@@ -201,6 +207,13 @@ pub fn bench(request: &Request) -> Result<u8, BenchError> {
         let churn = churn.or_else(|e| on().and(Err(e)))?;
         channel.say(&text::churn(&churn, paint));
         results.churn = Some(churn);
+    }
+    if wanted(Name::Hosts) {
+        results.hosts = hosts::measure(&mut live, &on)?;
+        match &results.hosts {
+            Some(costs) => channel.say(&hosts::text(costs, paint)),
+            None => channel.say("hosts  not measured: this program is built without links between machines"),
+        }
     }
     on()?;
     json.write(escape::json(&results) + "\n")?;

@@ -5,12 +5,15 @@ use super::daemon::OWN_COUNTERS;
 use super::fleet::Fleet;
 use super::messages::{Sent, ToController, ToDaemon};
 use super::node::Node;
+use super::parts::{Collected, Stretch};
 use crate::console::stopwatch::Stopwatch;
 use crate::swarm::launcher::{Backend, Event, HostsAccount, Launcher};
 use crate::swarm::outcome::SwarmError;
-use crate::swarm::run_dir::RunDir;
+use crate::swarm::run_dir::{RunDir, kill_agents};
 use crate::swarm::supervisor::Supervisor;
-use metamorph_module_agent::clock::source::FileClock;
+use metamorph_module_agent::clock::page::Page;
+use metamorph_module_agent::clock::source::{ClockSource, FileClock};
+use metamorph_module_agent::journal_file::Parts;
 use metamorph_module_agent::run_dir::counter_file::{AgentCounters, CounterFile};
 use metamorph_module_agent::run_dir::run_name::RunName;
 use metamorph_module_agent::transport::iceoryx::{IceoryxLink, IceoryxTransport};
@@ -64,6 +67,11 @@ struct Shared {
     inherited: BTreeMap<HostId, RunDir>,
     /// Messages with agents of each other host: from it, and to it.
     bodies: BTreeMap<HostId, (u64, u64)>,
+    clock: FileClock,
+    /// Parts of the journal from other machines, if one is kept.
+    collected: Option<Collected>,
+    /// The clock page that was sent last.
+    told: Option<Page>,
 }
 
 impl Shared {
@@ -75,13 +83,17 @@ impl Shared {
         if self.frames.len() >= HEARD {
             return;
         }
+        self.tell_time();
         self.node.turn(transport);
         self.node.residents.flush();
         while let Some((host, state)) = self.node.next_change() {
             match state {
                 State::Silent => {
                     tracing::warn!("{host} is silent");
-                    self.inherit(host);
+                    // A daemon of this machine that has died need not be waited for.
+                    if self.inherit(host) {
+                        self.lose(host, "its daemon has died");
+                    }
                 }
                 State::Fenced => self.lose(host, "the host was silent for too long"),
                 State::Closed => self.lose(host, "its daemon was asked to end"),
@@ -99,6 +111,36 @@ impl Shared {
                     }
                 }
             }
+            self.collect(host);
+        }
+    }
+
+    /// Takes parts of the journal from a host.
+    fn collect(&mut self, host: HostId) {
+        while let Ok(Some(stretch)) = self.node.hear_in_bulk::<Stretch>(host) {
+            if self.node.home(stretch.agent.0) != host {
+                tracing::warn!(
+                    "{host} sends the journal of module {}, which is not its own",
+                    stretch.agent.0
+                );
+                continue;
+            }
+            if let Some(Err(e)) = self.collected.as_mut().map(|collected| collected.put(&stretch)) {
+                tracing::warn!("the journal of module {} ends early: {e}", stretch.agent.0);
+            }
+        }
+    }
+
+    /// Sends the clock page to hosts with a clock of their own, once it has changed.
+    fn tell_time(&mut self) {
+        let away: Vec<HostId> = self.present().into_iter().filter(|host| self.fleet.is_away(*host)).collect();
+        if away.is_empty() {
+            return;
+        }
+        let Ok(page) = self.clock.read_page() else { return };
+        if self.told.replace(page) != Some(page) {
+            let message = ToDaemon::Clock(page.encode().to_vec());
+            away.into_iter().for_each(|host| self.node.tell(host, &message));
         }
     }
 
@@ -142,14 +184,21 @@ impl Shared {
     }
 
     /// Takes over the run directory of a host whose daemon is dead, so that its counters can be read and are removed in
-    /// the end. A daemon that lives removes it itself.
-    fn inherit(&mut self, host: HostId) {
-        let Some(name) = self.fleet.roots.get(&host).and_then(|root| RunName::of_root(root).ok()) else {
-            return;
-        };
+    /// the end. A daemon that lives removes it itself. Returns true if the daemon is dead, and its agents with it.
+    fn inherit(&mut self, host: HostId) -> bool {
+        let root = self.fleet.roots.get(&host).and_then(Option::as_ref);
+        let Some(name) = root.and_then(|root| RunName::of_root(root).ok()) else { return false };
         match RunDir::adopt(name) {
-            Ok(dir) => drop(self.inherited.insert(host, dir)),
-            Err(e) => tracing::debug!("the directory of {host} is not taken over: {e}"),
+            Ok(dir) => {
+                // They die with their daemon; this waits for the last of them.
+                kill_agents(dir.root());
+                self.inherited.insert(host, dir);
+                true
+            }
+            Err(e) => {
+                tracing::debug!("the directory of {host} is not taken over: {e}");
+                false
+            }
         }
     }
 
@@ -159,7 +208,7 @@ impl Shared {
         host: HostId,
         (id, incarnation): AgentKey,
     ) -> Result<Option<AgentCounters>, String> {
-        let root = self.fleet.roots.get(&host).filter(|root| root.is_dir());
+        let root = self.fleet.roots.get(&host).and_then(Option::as_ref).filter(|root| root.is_dir());
         let root = root.ok_or_else(|| format!("{host} was lost, and its directory is gone"))?;
         CounterFile::read(root, id, incarnation).map_err(|e| e.to_string())
     }
@@ -219,11 +268,13 @@ pub fn backend(
     transport: IceoryxTransport,
     supervisor: Supervisor,
     root: &std::path::Path,
+    journal: Option<&Parts>,
 ) -> Result<(HostsTransport, HostsLauncher), SwarmError> {
     let mut node = Node::new(&fleet.own, root).map_err(SwarmError::Clock)?;
-    for (host, stream) in std::mem::take(&mut fleet.streams) {
-        node.attach(host, stream).map_err(SwarmError::Supervisor)?;
+    for (host, connection) in fleet.connections().map_err(SwarmError::Supervisor)? {
+        node.attach(host, connection).map_err(SwarmError::Supervisor)?;
     }
+    let clock = FileClock::open(root).map_err(SwarmError::Clock)?;
     let shared = Rc::new(RefCell::new(Shared {
         node,
         fleet,
@@ -236,6 +287,9 @@ pub fn backend(
         lost: BTreeSet::new(),
         inherited: BTreeMap::new(),
         bodies: BTreeMap::new(),
+        clock,
+        collected: journal.map(|parts| Collected::new(&parts.dir)),
+        told: None,
     }));
     let local = Rc::new(RefCell::new(transport));
     let launcher =

@@ -1,15 +1,17 @@
-//! The carrier of packets between two daemons: a trait, and its implementation over Unix sockets. A carrier may lose
+//! The carrier of packets between two daemons: a trait, and its implementation over connections with a thread for each
+//! direction: Unix sockets here, networks in `net`. A carrier may lose
 //! packets; the host link notices. Not here: what packets mean.
 
 use crate::console::stopwatch::wait_until;
 use metamorph_module_agent::transport::iceoryx::rendezvous::{self, ChannelError, Notifier, Rendezvous};
 use metamorph_protocol::host_link::packet::MAX_PACKET;
 use metamorph_protocol::ids::HostId;
-use std::fmt::Debug;
+use std::fmt::{self, Debug};
 use std::io::{self, BufReader, Read, Write};
 use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -39,6 +41,13 @@ pub enum CarrierEvent {
         /// The bytes.
         packet: Vec<u8>,
     },
+    /// The other host cannot be heard at present; the carrier stays.
+    Interrupted {
+        /// The other host.
+        from: HostId,
+        /// The carrier.
+        number: u64,
+    },
     /// The connection has ended.
     Down {
         /// The other host.
@@ -48,41 +57,89 @@ pub enum CarrierEvent {
     },
 }
 
-/// A carrier over a connected Unix socket, with a thread for each direction, so that a host that reads nothing stops
-/// neither the agents of this host nor its other links.
+/// What has arrived on a connection.
 #[derive(Debug)]
-pub struct UnixCarrier {
+pub enum Arrived {
+    /// A packet.
+    Packet(Vec<u8>),
+    /// The other end cannot be heard at present.
+    #[cfg_attr(not(feature = "hosts"), allow(dead_code, reason = "a socket is connected or not"))]
+    Interruption,
+}
+
+/// A connection to another host: each direction is used by a thread of its own.
+pub struct Ends {
+    /// Waits for what arrives next; an error ends the connection.
+    pub receive: Box<dyn FnMut() -> io::Result<Arrived> + Send>,
+    /// Sends a packet. It may take its time; an error ends the connection.
+    pub send: Box<dyn FnMut(Vec<u8>) -> io::Result<()> + Send>,
+    /// Ends the connection: both other functions then fail.
+    pub stop: Arc<dyn Fn() + Send + Sync>,
+}
+
+impl Ends {
+    /// Returns the ends of a connected Unix socket.
+    ///
+    /// # Errors
+    /// If the socket cannot be set up.
+    pub fn unix(stream: UnixStream) -> io::Result<Ends> {
+        stream.set_read_timeout(None)?;
+        stream.set_write_timeout(None)?;
+        let (mut reading, mut writing) = (BufReader::new(stream.try_clone()?), stream.try_clone()?);
+        let send = move |packet: Vec<u8>| {
+            // Invariant: a packet is at most 60,000 bytes long.
+            let mut bytes = (packet.len() as u32).to_le_bytes().to_vec();
+            bytes.extend(packet);
+            writing.write_all(&bytes)
+        };
+        Ok(Ends {
+            receive: Box::new(move || packet(&mut reading).map(Arrived::Packet)),
+            send: Box::new(send),
+            stop: Arc::new(move || drop(stream.shutdown(Shutdown::Both))),
+        })
+    }
+}
+
+/// A carrier with a thread for each direction, so that a host that reads nothing stops neither the agents of this host
+/// nor its other links.
+pub struct ThreadedCarrier {
     packets: Option<SyncSender<Vec<u8>>>,
-    stream: UnixStream,
+    stop: Arc<dyn Fn() + Send + Sync>,
     threads: Vec<JoinHandle<()>>,
 }
 
-impl UnixCarrier {
+impl ThreadedCarrier {
     /// Starts a carrier for the owner of the wake-up channel in the run directory `root`.
     ///
     /// # Errors
-    /// If the socket or a thread cannot be set up.
+    /// If a thread cannot be started.
     pub fn start(
-        stream: UnixStream,
+        ends: Ends,
         from: HostId,
         number: u64,
         events: SyncSender<CarrierEvent>,
         root: &Path,
-    ) -> io::Result<UnixCarrier> {
-        stream.set_read_timeout(None)?;
-        stream.set_write_timeout(None)?;
-        let (reading, writing, root) = (stream.try_clone()?, stream.try_clone()?, root.to_owned());
+    ) -> io::Result<ThreadedCarrier> {
+        let Ends { receive, send, stop } = ends;
         let (packets, waiting) = sync_channel(OUTGOING);
-        let mut carrier = UnixCarrier { packets: Some(packets), stream, threads: Vec::new() };
+        let root = root.to_owned();
+        let mut carrier =
+            ThreadedCarrier { packets: Some(packets), stop: Arc::clone(&stop), threads: Vec::new() };
         let thread = |name: &str| std::thread::Builder::new().name(format!("{from} {name}"));
-        let read = move || read(reading, from, number, &events, root);
+        let read = move || read(receive, from, number, &events, root);
         carrier.threads.push(thread("in").spawn(read)?);
-        carrier.threads.push(thread("out").spawn(move || write(writing, &waiting))?);
+        carrier.threads.push(thread("out").spawn(move || write(send, &waiting, &*stop))?);
         Ok(carrier)
     }
 }
 
-impl Carrier for UnixCarrier {
+impl fmt::Debug for ThreadedCarrier {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("ThreadedCarrier").finish_non_exhaustive()
+    }
+}
+
+impl Carrier for ThreadedCarrier {
     fn send(&mut self, packet: Vec<u8>) {
         if let Some(packets) = &self.packets
             && let Err(TrySendError::Full(_)) = packets.try_send(packet)
@@ -92,45 +149,50 @@ impl Carrier for UnixCarrier {
     }
 }
 
-impl Drop for UnixCarrier {
+impl Drop for ThreadedCarrier {
     fn drop(&mut self) {
         // The thread that writes ends once it has written what waits, unless the other end reads nothing.
         self.packets = None;
         wait_until(LINGER, || self.threads.last().is_none_or(|writer| writer.is_finished()));
-        let _ = self.stream.shutdown(Shutdown::Both);
+        (self.stop)();
         for thread in self.threads.drain(..) {
             let _ = thread.join();
         }
     }
 }
 
-fn write(mut stream: UnixStream, packets: &Receiver<Vec<u8>>) {
+fn write(
+    mut send: impl FnMut(Vec<u8>) -> io::Result<()>,
+    packets: &Receiver<Vec<u8>>,
+    stop: &(dyn Fn() + Send + Sync),
+) {
     while let Ok(packet) = packets.recv() {
-        // Invariant: a packet is at most 60,000 bytes long.
-        let mut bytes = (packet.len() as u32).to_le_bytes().to_vec();
-        bytes.extend(packet);
-        if let Err(e) = stream.write_all(&bytes) {
+        if let Err(e) = send(packet) {
             tracing::debug!("the connection to another host has failed: {e}");
-            let _ = stream.shutdown(Shutdown::Both);
-            return;
+            return stop();
         }
     }
 }
 
-fn read(stream: UnixStream, from: HostId, number: u64, events: &SyncSender<CarrierEvent>, root: PathBuf) {
+fn read(
+    mut receive: impl FnMut() -> io::Result<Arrived>,
+    from: HostId,
+    number: u64,
+    events: &SyncSender<CarrierEvent>,
+    root: PathBuf,
+) {
     // A channel of iceoryx2 stays with its thread, so the bell is opened here.
     let bell = Bell::open(&root).inspect_err(|e| tracing::warn!("packets are taken late: {e}")).ok();
-    let mut stream = BufReader::new(stream);
     loop {
-        let read = packet(&mut stream);
-        let is_over = read.is_err();
-        let event = match read {
-            Ok(packet) => CarrierEvent::Packet { from, number, packet },
+        let event = match receive() {
+            Ok(Arrived::Packet(packet)) => CarrierEvent::Packet { from, number, packet },
+            Ok(Arrived::Interruption) => CarrierEvent::Interrupted { from, number },
             Err(e) => {
                 tracing::debug!("the connection to {from} has ended: {e}");
                 CarrierEvent::Down { from, number }
             }
         };
+        let is_over = matches!(event, CarrierEvent::Down { .. });
         match events.try_send(event) {
             Ok(()) => {}
             // The end must not be missed; packets may.

@@ -2,9 +2,16 @@
 //! reaps the agents of its share in a run directory of its own, and forwards frames between its agents, other hosts
 //! and the controller. To its agents it is the controller. Not here: decisions about the run.
 
-use super::messages::{Account, Answer, Assignment, Opening, Sent, ToController, ToDaemon};
-use super::messages::{read_opening, write_opening};
+use super::address::Address;
+use super::connection::{Connection, Visitor};
+use super::follower::Follower;
+use super::gate::Gate;
+use super::messages::{
+    Account, Answer, Assignment, HostStatus, Opening, Sent, ToController, ToDaemon, write_opening,
+};
 use super::node::Node;
+use super::notify;
+use super::parts::Written;
 use crate::console::shutdown::{Shutdown, Urgency};
 use crate::console::stopwatch::Stopwatch;
 use crate::swarm::launcher::{Event, Launcher};
@@ -12,9 +19,9 @@ use crate::swarm::links::raise_descriptor_limit;
 use crate::swarm::outcome::SwarmError;
 use crate::swarm::processes::{acquire_lease, attach};
 use crate::swarm::reserve::Reserve;
-use crate::swarm::run_dir::{RunDir, clean};
+use crate::swarm::run_dir::{RunDir, clean, leftovers};
 use crate::swarm::supervisor::{Launch, Supervisor};
-use metamorph_module_agent::clock::page;
+use metamorph_module_agent::clock::{monotonic, page};
 use metamorph_module_agent::run_dir::counter_file::{AgentCounters, CounterFile, CounterStore};
 use metamorph_module_agent::run_dir::swarm_file;
 use metamorph_module_agent::transport::iceoryx::rendezvous::set_verbosity;
@@ -27,9 +34,9 @@ use rustix::process::Signal;
 use std::ffi::OsString;
 use std::io;
 use std::os::unix::fs::symlink;
-use std::os::unix::net::{UnixListener, UnixStream};
-use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
+use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 use thiserror::Error;
 
@@ -43,8 +50,8 @@ const DRAIN: usize = 2_048;
 const RETRY: Duration = Duration::from_millis(20);
 /// The longest wait otherwise, after which connections and requests to end are looked for.
 const LONGEST_WAIT: Duration = Duration::from_millis(100);
-/// How long a new connection may take to say what it is for.
-const OPENING: Duration = Duration::from_secs(30);
+/// The shortest wait for the clock of another machine.
+const CLOCK: Duration = Duration::from_millis(1);
 
 /// A program and its arguments.
 pub type CommandOfAgents = (PathBuf, Vec<OsString>);
@@ -54,7 +61,11 @@ pub struct DaemonOptions {
     /// The build of the program (see [`build`](super::build)); runs of another build are refused.
     pub build: u64,
     /// The address on which it listens.
-    pub socket: PathBuf,
+    pub address: Address,
+    /// Which host it is, and the directory of its keys; on a network both are needed.
+    pub identity: Option<(HostId, PathBuf)>,
+    /// The most modules that it takes.
+    pub most: u32,
     /// True if it ends after one run, or with the process that started it.
     pub once: bool,
     /// Returns the command line of the agents of a family, without what an agent itself adds; `None` if there is no
@@ -75,10 +86,27 @@ pub enum DaemonError {
     /// A thread cannot be started.
     #[error("cannot start a thread: {0}")]
     Thread(io::Error),
+    /// On a network a host has to say who it is.
+    #[cfg(feature = "hosts")]
+    #[error("a daemon on a network needs a name and keys\n  fix: add `--name h2 --keys DIRECTORY`")]
+    NoIdentity,
+    /// The keys cannot be used.
+    #[cfg(feature = "hosts")]
+    #[error(transparent)]
+    Keys(super::net::KeysError),
+    /// The network cannot be used.
+    #[cfg(feature = "hosts")]
+    #[error(
+        "{0}\n  fix: check that the address is of this machine and free, and that the keys are of one `--make-keys`"
+    )]
+    Session(super::net::SessionError),
+    /// This program has no links between machines.
+    #[cfg(not(feature = "hosts"))]
+    #[error(
+        "this program is built without links between machines\n  fix: build it with `cargo build --release --features hosts`, or listen on the path of a socket"
+    )]
+    NotBuilt,
 }
-
-/// A connection that has said what it is for.
-type Incoming = (Opening, UnixStream);
 
 /// Serves runs until it is asked to end.
 ///
@@ -89,17 +117,13 @@ pub fn daemon(options: &DaemonOptions) -> Result<(), DaemonError> {
         // An interrupted controller must not leave its daemons behind.
         let _ = rustix::process::set_parent_process_death_signal(Some(Signal::TERM));
     }
-    let listen = |e| DaemonError::Listen(options.socket.clone(), e);
-    let listener = bind(&options.socket).map_err(listen)?;
-    let _socket = Socket(&options.socket);
-    let (sender, incoming) = sync_channel(16);
-    let thread = std::thread::Builder::new().name("connections".into());
-    thread.spawn(move || accept(&listener, &sender)).map_err(DaemonError::Thread)?;
+    let gate = Gate::open(options)?;
+    notify::ready();
     while options.shutdown.urgency() == Urgency::None {
-        match incoming.recv_timeout(LONGEST_WAIT) {
-            Ok((Opening::Serve(assignment), stream)) => {
+        match gate.incoming.recv_timeout(LONGEST_WAIT) {
+            Ok((Opening::Serve(assignment), visitor)) => {
                 let run = assignment.run;
-                match serve(options, &assignment, stream, &incoming) {
+                match serve(options, &assignment, visitor, &gate) {
                     Ok(why) => tracing::info!("run {run:016x} is over: {why}"),
                     Err(e) => tracing::error!("run {run:016x}: {e}"),
                 }
@@ -107,57 +131,34 @@ pub fn daemon(options: &DaemonOptions) -> Result<(), DaemonError> {
                     break;
                 }
             }
-            // Of a run that is over.
-            Ok((Opening::Join { .. }, _)) | Err(RecvTimeoutError::Timeout) => {}
+            Ok((opening, visitor)) => answer(options, &opening, visitor, None),
+            Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => break,
         }
     }
     Ok(())
 }
 
-/// Creates the socket, in place of one that a killed daemon has left.
-fn bind(path: &Path) -> io::Result<UnixListener> {
-    UnixListener::bind(path).or_else(|e| {
-        let refused = |e: io::Error| e.kind() == io::ErrorKind::ConnectionRefused;
-        if e.kind() != io::ErrorKind::AddrInUse || !UnixStream::connect(path).is_err_and(refused) {
-            return Err(e);
-        }
-        std::fs::remove_file(path)?;
-        UnixListener::bind(path)
-    })
-}
-
-/// The file of the socket, which goes with the daemon.
-struct Socket<'a>(&'a Path);
-
-impl Drop for Socket<'_> {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_file(self.0);
-    }
-}
-
-/// Accepts connections. Each may take its time without holding up the others.
-fn accept(listener: &UnixListener, sender: &SyncSender<Incoming>) {
-    for stream in listener.incoming() {
-        let sender = sender.clone();
-        let open = move |mut stream: UnixStream| -> io::Result<()> {
-            stream.set_read_timeout(Some(OPENING))?;
-            let opening = read_opening(&mut stream)?;
-            // Fails only at the daemon's end.
-            let _ = sender.send((opening, stream));
-            Ok(())
-        };
-        let opened = stream.and_then(|stream| {
-            let thread = std::thread::Builder::new().name("opening".into());
-            thread.spawn(move || {
-                if let Err(e) = open(stream) {
-                    tracing::warn!("a connection is refused: {e}");
-                }
-            })
-        });
-        if let Err(e) = opened {
-            tracing::warn!("a connection cannot be accepted: {e}");
-        }
+/// Answers someone who does not bring a run.
+fn answer(options: &DaemonOptions, opening: &Opening, mut visitor: Visitor, serves: Option<(u64, u32)>) {
+    let said = match opening {
+        Opening::Status => Answer::Status(HostStatus {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            build: options.build,
+            most: options.most,
+            serves,
+            leftovers: leftovers().map_or(0, |runs| runs as u32),
+        }),
+        Opening::Clean => Answer::Cleaned(match clean() {
+            Ok(done) => done.to_string(),
+            Err(e) => format!("not all could be removed: {e}"),
+        }),
+        Opening::Serve(_) => Answer::Refused("it serves another run".to_owned()),
+        // Of a run that is over.
+        Opening::Join { .. } => return,
+    };
+    if let Err(e) = visitor.answer(said) {
+        tracing::debug!("an answer cannot be given: {e}");
     }
 }
 
@@ -165,18 +166,32 @@ fn accept(listener: &UnixListener, sender: &SyncSender<Incoming>) {
 fn serve(
     options: &DaemonOptions,
     assignment: &Assignment,
-    mut stream: UnixStream,
-    incoming: &Receiver<Incoming>,
+    mut visitor: Visitor,
+    gate: &Gate,
 ) -> Result<&'static str, SwarmError> {
-    let prepared = prepare(options, assignment);
-    let answer = match &prepared {
+    // Logs of several hosts may come together.
+    let span = tracing::error_span!("host", name = %assignment.host);
+    let _entered = span.enter();
+    let mut prepared = prepare(options, assignment, gate);
+    let said = match &prepared {
         Ok(share) => Answer::Ready(share.dir.root().to_owned()),
         Err(why) => Answer::Refused(why.clone()),
     };
-    write_opening(&mut stream, &answer).map_err(SwarmError::Supervisor)?;
+    if let Ok(share) = &mut prepared {
+        // Before the answer: from then on the controller is heard here.
+        share.connect_lines().map_err(SwarmError::Supervisor)?;
+    }
+    visitor.answer(said).map_err(SwarmError::Supervisor)?;
     let Ok(mut share) = prepared else { return Ok("it was refused") };
-    share.node.attach(HostId::CONTROLLER, stream).map_err(SwarmError::Supervisor)?;
-    let ended = share.run(options, incoming);
+    match visitor {
+        Visitor::Unix(stream) => {
+            let attached = share.node.attach(HostId::CONTROLLER, Connection::Unix(stream));
+            attached.map_err(SwarmError::Supervisor)?;
+        }
+        #[cfg(feature = "hosts")]
+        Visitor::Net(_) => {}
+    }
+    let ended = share.run();
     // Agents first: a host that says goodbye has none left.
     let Share { supervisor, mut node, .. } = share;
     drop(supervisor);
@@ -185,7 +200,11 @@ fn serve(
 }
 
 /// Checks an assignment and creates what serving it needs. The error is for people at the controller.
-fn prepare<'a>(options: &DaemonOptions, assignment: &'a Assignment) -> Result<Share<'a>, String> {
+fn prepare<'a>(
+    options: &'a DaemonOptions,
+    assignment: &'a Assignment,
+    gate: &'a Gate,
+) -> Result<Share<'a>, String> {
     let Assignment { host, hosts, count, family, swarm, clock, .. } = assignment;
     if assignment.build != options.build {
         return Err("it runs another build of the program".to_owned());
@@ -194,10 +213,18 @@ fn prepare<'a>(options: &DaemonOptions, assignment: &'a Assignment) -> Result<Sh
         return Err(format!("it has no agents of the family `{family}`"));
     };
     let modules = hosts.modules(*host).count();
-    let has_sockets = assignment.sockets.len() + 1 == hosts.len();
-    if modules == 0 || *host == HostId::CONTROLLER || !has_sockets {
+    let has_addresses = assignment.addresses.len() + 1 == hosts.len();
+    if modules == 0 || *host == HostId::CONTROLLER || !has_addresses {
         return Err("the assignment contradicts itself".to_owned());
     }
+    if options.identity.as_ref().is_some_and(|(own, _)| own != host) {
+        return Err(format!("it is not {host}"));
+    }
+    if modules > options.most as usize {
+        return Err(format!("it has room for {} modules, and {modules} are at home there", options.most));
+    }
+    gate.prepare(*host, &assignment.addresses).map_err(|e| e.to_string())?;
+    let is_away = assignment.addresses.iter().any(|address| matches!(address, Address::Net { .. }));
     let share = || -> Result<Share<'a>, SwarmError> {
         raise_descriptor_limit(modules as u64)?;
         set_verbosity(assignment.verbose);
@@ -206,9 +233,22 @@ fn prepare<'a>(options: &DaemonOptions, assignment: &'a Assignment) -> Result<Sh
         }
         let dir = RunDir::create()?;
         let mut reserve = Reserve::take(dir.root(), modules as u64)?;
+        let written = match swarm_file::keeps_journal(swarm) && is_away {
+            true => Some(Written::create(dir.root()).map_err(SwarmError::Clock)?),
+            false => None,
+        };
+        let swarm = match &written {
+            Some(written) => &swarm_file::with_parts_in(swarm, written.directory()),
+            None => swarm,
+        };
         std::fs::write(swarm_file::path(dir.root()), swarm).map_err(SwarmError::Clock)?;
-        // Hosts of one machine share the controller's clock page.
-        symlink(clock, page::path(dir.root())).map_err(SwarmError::Clock)?;
+        let follower = if is_away {
+            Some(Follower::create(dir.root(), assignment.clock_error).map_err(SwarmError::Clock)?)
+        } else {
+            // Hosts of one machine share the controller's clock page.
+            symlink(clock, page::path(dir.root())).map_err(SwarmError::Clock)?;
+            None
+        };
         acquire_lease(&dir, GENERATION)?;
         reserve.release_own();
         let root = dir.root().to_owned();
@@ -217,7 +257,12 @@ fn prepare<'a>(options: &DaemonOptions, assignment: &'a Assignment) -> Result<Sh
         let node = Node::new(assignment, dir.root()).map_err(SwarmError::Clock)?;
         let counters = CounterFile::create(dir.root(), OWN_COUNTERS.0, OWN_COUNTERS.1)?;
         Ok(Share {
+            options,
             assignment,
+            gate,
+            follower,
+            written,
+            sent: Stopwatch::start(),
             supervisor,
             node,
             transport,
@@ -234,7 +279,15 @@ fn prepare<'a>(options: &DaemonOptions, assignment: &'a Assignment) -> Result<Sh
 
 /// One host's share of a run.
 struct Share<'a> {
+    options: &'a DaemonOptions,
     assignment: &'a Assignment,
+    gate: &'a Gate,
+    /// The clock page, if the controller's is on another machine.
+    follower: Option<Follower>,
+    /// The agents' parts of the journal, if the controller's are on another machine.
+    written: Option<Written>,
+    /// When they were last sent.
+    sent: Stopwatch,
     // Dropped in this order: agents are ended, links are closed, then their transport; the directory is last.
     supervisor: Supervisor,
     node: Node<IceoryxLink>,
@@ -252,22 +305,19 @@ struct Share<'a> {
 }
 
 impl Share<'_> {
-    fn run(
-        &mut self,
-        options: &DaemonOptions,
-        incoming: &Receiver<Incoming>,
-    ) -> Result<&'static str, SwarmError> {
+    fn run(&mut self) -> Result<&'static str, SwarmError> {
         loop {
-            if options.shutdown.urgency() > Urgency::None {
+            if self.options.shutdown.urgency() > Urgency::None {
                 return Ok("the daemon is asked to end");
             }
             if self.node.has_to_stop() {
                 return Ok("the controller has been silent for too long");
             }
-            while let Ok((opening, stream)) = incoming.try_recv() {
-                self.connect(opening, stream);
+            while let Ok((opening, visitor)) = self.gate.incoming.try_recv() {
+                self.connect(opening, visitor);
             }
             self.dial();
+            self.follow_clock()?;
             let heard = self.take_events()? + self.drain()?;
             self.node.turn(&mut self.transport);
             while let Some((host, state)) = self.node.next_change() {
@@ -277,6 +327,7 @@ impl Share<'_> {
                 }
             }
             self.obey()?;
+            self.follow_clock()?;
             let node = &mut self.node;
             let mut told = Vec::new();
             node.residents.catch_up(&mut self.transport, |agent, count| told.push((agent, count)));
@@ -284,7 +335,13 @@ impl Share<'_> {
                 node.tell(HostId::CONTROLLER, &ToController::Taken(agent, count));
             }
             node.residents.flush();
-            if self.draining && heard == 0 && node.is_drained() {
+            let is_due = self.draining || self.sent.elapsed() > LONGEST_WAIT;
+            let is_sent = self.written.as_mut().filter(|_| is_due).is_none_or(|written| {
+                self.sent = Stopwatch::start();
+                written.send(|stretch| node.tell_in_bulk(HostId::CONTROLLER, &stretch))
+                    && node.is_bulk_through(HostId::CONTROLLER)
+            });
+            if self.draining && heard == 0 && node.is_drained() && is_sent {
                 self.draining = false;
                 node.tell(HostId::CONTROLLER, &ToController::Drained);
             }
@@ -294,7 +351,10 @@ impl Share<'_> {
             node.turn(&mut self.transport);
             let is_behind = node.residents.is_behind() || node.is_behind(HostId::CONTROLLER) || self.draining;
             let longest = if is_behind { RETRY } else { LONGEST_WAIT };
-            let wait = node.wait().min(longest);
+            let due = self.follower.as_ref().and_then(Follower::due);
+            let due = due.map_or(longest, |due| Duration::from_nanos(due.saturating_sub(monotonic())));
+            // A clock that stands still is not looked at all the time.
+            let wait = node.wait().min(longest).min(due.max(CLOCK));
             if heard < DRAIN && !wait.is_zero() {
                 self.transport.wait(wait)?;
             }
@@ -302,44 +362,57 @@ impl Share<'_> {
     }
 
     /// Takes a connection of another host of this run. A further run is refused.
-    fn connect(&mut self, opening: Opening, mut stream: UnixStream) {
-        match opening {
-            Opening::Join { run, from }
+    fn connect(&mut self, opening: Opening, visitor: Visitor) {
+        match (opening, visitor) {
+            (Opening::Join { run, from }, Visitor::Unix(stream))
                 if run == self.assignment.run
                     && from < self.assignment.host
                     && from != HostId::CONTROLLER =>
             {
-                if let Err(e) = self.node.attach(from, stream) {
+                if let Err(e) = self.node.attach(from, Connection::Unix(stream)) {
                     tracing::warn!("the connection of {from} cannot be used: {e}");
                 }
             }
-            Opening::Join { .. } => {}
-            Opening::Serve(_) => {
-                let answer = Answer::Refused("it serves another run".to_owned());
-                let _ = write_opening(&mut stream, &answer);
+            (opening, visitor) => {
+                let modules = self.assignment.hosts.modules(self.assignment.host).count();
+                answer(self.options, &opening, visitor, Some((self.assignment.run, modules as u32)));
             }
         }
     }
 
-    /// Connects to hosts of higher number.
+    /// Takes lines to all other hosts into use that need not be dialled.
+    fn connect_lines(&mut self) -> io::Result<()> {
+        for host in self.node.unconnected().collect::<Vec<_>>() {
+            if let Some(line) = self.gate.line(self.assignment.run, host)? {
+                self.node.attach(host, line)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Connects to hosts of higher number on this machine.
     fn dial(&mut self) {
         if self.dialled.is_some_and(|last| last.elapsed() < LONGEST_WAIT) {
             return;
         }
         self.dialled = Some(Stopwatch::start());
-        for host in self.node.to_dial().collect::<Vec<_>>() {
-            let Some(socket) = self.assignment.sockets.get(host.index() - 1) else { continue };
+        let Assignment { host: own, run, addresses, .. } = self.assignment;
+        for host in self.node.unconnected().filter(|host| host > own).collect::<Vec<_>>() {
+            let Some(Address::Unix(socket)) = addresses.get(host.index() - 1) else { continue };
             let connected = UnixStream::connect(socket).and_then(|mut stream| {
-                write_opening(
-                    &mut stream,
-                    &Opening::Join { run: self.assignment.run, from: self.assignment.host },
-                )?;
-                self.node.attach(host, stream)
+                write_opening(&mut stream, &Opening::Join { run: *run, from: *own })?;
+                self.node.attach(host, Connection::Unix(stream))
             });
             if let Err(e) = connected {
                 tracing::debug!("{host} cannot be reached: {e}");
             }
         }
+    }
+
+    /// Goes on with the clock page of this host.
+    fn follow_clock(&mut self) -> Result<(), SwarmError> {
+        let Some(follower) = &mut self.follower else { return Ok(()) };
+        follower.go_on(monotonic(), self.node.clock_of(HostId::CONTROLLER)).map_err(SwarmError::Clock)
     }
 
     /// Passes on what the supervisor reports. Returns the number of events.
@@ -403,6 +476,7 @@ impl Share<'_> {
                             _ => self.reserve.release_one(),
                         }
                     }
+                    self.written.iter_mut().for_each(|written| written.begin(agent));
                     self.node.residents.arrive(agent);
                     self.supervisor.start(agent);
                 }
@@ -424,6 +498,12 @@ impl Share<'_> {
                 | ToDaemon::Reap((id, _))
                 | ToDaemon::Frame((id, _), _) => {
                     tracing::warn!("the controller takes module {id} for one of this host");
+                }
+                ToDaemon::Clock(bytes) => {
+                    let page = bytes.as_slice().try_into().ok().and_then(page::Page::decode);
+                    if let Some((follower, page)) = self.follower.as_mut().zip(page) {
+                        follower.take(page);
+                    }
                 }
                 ToDaemon::Drain => self.draining = true,
                 ToDaemon::Account => {

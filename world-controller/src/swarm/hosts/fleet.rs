@@ -1,8 +1,12 @@
 //! The daemons of the other hosts, as the controller gets them: it starts them, or they run already, and gives each
 //! its share of the swarm.
 
-use super::messages::{Answer, Assignment, Opening, read_opening, write_opening};
+use super::HostsOptions;
+use super::address::Address;
+use super::connection::Connection;
+use super::messages::{Answer, Assignment, Opening};
 use super::node::random;
+use super::reach::{Reach, ReachError};
 use crate::console::stopwatch::{Stopwatch, wait_until};
 use crate::swarm::SwarmOptions;
 use crate::swarm::run_dir::{RunDir, clean};
@@ -20,7 +24,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use thiserror::Error;
 
-/// The longest wait for a daemon to listen, and for its answer.
+/// The longest wait for a daemon to listen.
 const STARTING: Duration = Duration::from_secs(30);
 /// The longest wait for a daemon to end before it is killed.
 const ENDING: Duration = Duration::from_secs(10);
@@ -32,8 +36,8 @@ pub enum FleetError {
     #[error("the daemon of {0} cannot be started: {1}")]
     Start(HostId, io::Error),
     /// A daemon cannot be reached.
-    #[error("{0} cannot be reached at {1}: {2}\n  fix: start `metamorph host --listen {path}` there", path = .1.display())]
-    Reach(HostId, PathBuf, io::Error),
+    #[error(transparent)]
+    Reach(#[from] ReachError),
     /// A daemon does not serve the run.
     #[error("{0} does not serve this run: {1}")]
     Refused(HostId, String),
@@ -47,10 +51,12 @@ pub enum FleetError {
 pub struct Fleet {
     /// What the controller's own host works with.
     pub own: Assignment,
-    /// The connections to the daemons.
-    pub streams: BTreeMap<HostId, UnixStream>,
-    /// The run directories of the daemons, which are on this machine.
-    pub roots: BTreeMap<HostId, PathBuf>,
+    /// The way to the daemons.
+    pub reach: Reach,
+    /// The connections to daemons on this machine.
+    streams: BTreeMap<HostId, UnixStream>,
+    /// The run directories of the daemons; `None` on other machines.
+    pub roots: BTreeMap<HostId, Option<PathBuf>>,
     started: Vec<Child>,
 }
 
@@ -65,63 +71,89 @@ impl Fleet {
         count: usize,
         dir: &RunDir,
     ) -> Result<Fleet, FleetError> {
-        let socket = |host: HostId| dir.root().join(format!("{host}.sock"));
+        let socket = |host: HostId| Address::Unix(dir.root().join(format!("{host}.sock")));
         // Invariant: there are fewer than 2^16 hosts.
         let others: Vec<HostId> = (1..hosts.len() as u16).map(HostId).collect();
-        let given = &options.hosts.sockets;
-        let sockets =
+        let HostsOptions { addresses: given, keys, build, timing, family, clock_error } = &options.hosts;
+        let addresses =
             if given.is_empty() { others.iter().map(|host| socket(*host)).collect() } else { given.clone() };
-        let timing = options.hosts.timing;
+        let reach = Reach::new(&addresses, keys.as_deref(), *build)?;
         let own = Assignment {
-            run: random().map_err(FleetError::Prepare)?,
+            run: random().map_err(FleetError::Prepare)?.max(1),
             secret: [random().map_err(FleetError::Prepare)?, random().map_err(FleetError::Prepare)?],
-            build: options.hosts.build,
+            build: *build,
             host: HostId::CONTROLLER,
             hosts: Arc::clone(hosts),
             // Invariant: a swarm has at most 16,000 modules.
             count: count as u32,
-            sockets,
-            family: options.hosts.family.clone(),
+            addresses,
+            family: family.clone(),
             swarm: std::fs::read(swarm_file::path(dir.root())).map_err(FleetError::Prepare)?,
             clock: page::path(dir.root()),
+            clock_error: *clock_error,
             silent_and_fence: (timing.silent, timing.fence),
             verbose: options.verbose,
         };
-        let mut fleet = Fleet { own, streams: BTreeMap::new(), roots: BTreeMap::new(), started: Vec::new() };
+        let (streams, roots, started) = (BTreeMap::new(), BTreeMap::new(), Vec::new());
+        let mut fleet = Fleet { own, reach, streams, roots, started };
         if given.is_empty() {
-            for (host, socket) in others.iter().zip(fleet.own.sockets.clone()) {
+            for (host, address) in others.iter().zip(fleet.own.addresses.clone()) {
+                let Address::Unix(socket) = address else { continue };
                 let child = start(&options.program, &socket).map_err(|e| FleetError::Start(*host, e))?;
                 fleet.started.push(child);
             }
         }
-        for (host, socket) in others.into_iter().zip(fleet.own.sockets.clone()) {
-            fleet.enlist(host, &socket)?;
+        for (host, address) in others.into_iter().zip(fleet.own.addresses.clone()) {
+            fleet.enlist(host, &address)?;
         }
         Ok(fleet)
     }
 
     /// Gives one daemon its share.
-    fn enlist(&mut self, host: HostId, socket: &Path) -> Result<(), FleetError> {
-        let unreachable = |e| FleetError::Reach(host, socket.to_owned(), e);
-        let mut stream = self.connect(socket).map_err(unreachable)?;
-        let assignment = Assignment { host, ..self.own.clone() };
-        stream.set_read_timeout(Some(STARTING)).map_err(unreachable)?;
-        write_opening(&mut stream, &Opening::Serve(Box::new(assignment))).map_err(unreachable)?;
-        match read_opening(&mut stream).map_err(unreachable)? {
+    fn enlist(&mut self, host: HostId, address: &Address) -> Result<(), FleetError> {
+        let opening = Opening::Serve(Box::new(Assignment { host, ..self.own.clone() }));
+        let reached = match address {
+            Address::Unix(path) if !self.started.is_empty() => {
+                let failed = |e| ReachError::Socket(host, path.clone(), e);
+                let stream = self.connect(path).map_err(failed)?;
+                Reach::ask_on(stream, &opening).map_err(failed)?
+            }
+            address => self.reach.ask(host, address, &opening, Duration::ZERO)?,
+        };
+        match reached.answer {
             Answer::Ready(root) => {
-                self.roots.insert(host, root);
-                self.streams.insert(host, stream);
+                let is_here = reached.stream.is_some();
+                self.roots.insert(host, is_here.then_some(root));
+                self.streams.extend(reached.stream.map(|stream| (host, stream)));
                 Ok(())
             }
             Answer::Refused(why) => Err(FleetError::Refused(host, why)),
+            _ => Err(FleetError::Refused(host, "it answers something else".to_owned())),
         }
     }
 
-    /// Connects to a daemon. One that was just started takes a moment to listen.
+    /// Returns the connections of the run, each once.
+    ///
+    /// # Errors
+    /// If a session has ended.
+    pub fn connections(&mut self) -> io::Result<Vec<(HostId, Connection)>> {
+        let mut streams = std::mem::take(&mut self.streams);
+        let connect = |host: &HostId| {
+            let connection = self.reach.connection(self.own.run, *host, streams.remove(host))?;
+            Ok((*host, connection))
+        };
+        self.roots.keys().map(connect).collect()
+    }
+
+    /// Returns true if a host has a clock of its own.
+    pub fn is_away(&self, host: HostId) -> bool {
+        self.roots.get(&host).is_some_and(Option::is_none)
+    }
+
+    /// Connects to a daemon that was just started, which takes a moment to listen.
     fn connect(&mut self, socket: &Path) -> io::Result<UnixStream> {
         let mut connected = UnixStream::connect(socket);
-        let limit = if self.started.is_empty() { Duration::ZERO } else { STARTING };
-        wait_until(limit, || {
+        wait_until(STARTING, || {
             if connected.is_err() {
                 connected = UnixStream::connect(socket);
             }

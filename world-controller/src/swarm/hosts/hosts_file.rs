@@ -1,5 +1,6 @@
 //! The hosts file of `--hosts FILE`: where the daemons of a run are. What the hosts do in a run is in the scenario.
 
+use super::address::Address;
 use metamorph_protocol::host_link::Timing;
 use metamorph_protocol::ids::HostId;
 use metamorph_protocol::time::Span;
@@ -13,8 +14,8 @@ use thiserror::Error;
 const VERSION: u64 = 1;
 /// Largest size of a hosts file in bytes.
 const LIMIT: u64 = 1 << 20;
-/// The longest path of a socket in bytes.
-const PATH_LIMIT: usize = 107;
+/// How far the clock of another machine may be off by default.
+const CLOCK_ERROR: Span = Span::millis(5);
 /// The shortest time of silence: four acknowledgements.
 const SHORTEST: Span = Span::secs(1);
 const LOCAL: &str = "local";
@@ -40,7 +41,26 @@ struct Raw {
     version: u64,
     silent: Option<String>,
     fence: Option<String>,
+    keys: Option<PathBuf>,
+    clock_error: Option<String>,
+    placement: Option<RawPlacement>,
     host: Vec<RawHost>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawPlacement {
+    by: Placement,
+}
+
+/// Which modules are at home on which host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Placement {
+    /// Blocks of module numbers.
+    Blocks,
+    /// Parts of the start with few contacts between them.
+    Cut,
 }
 
 #[derive(Deserialize)]
@@ -48,13 +68,22 @@ struct Raw {
 struct RawHost {
     name: String,
     address: String,
+    most: Option<u32>,
 }
 
 /// The hosts of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct HostsFile {
-    /// The sockets of the daemons of h2, h3, ...
-    pub sockets: Vec<PathBuf>,
+    /// The addresses of the daemons of h2, h3, ...
+    pub addresses: Vec<Address>,
+    /// The most modules on h1, h2, ..., as far as the file says.
+    pub most: Vec<Option<u32>>,
+    /// The placement, if the file says one.
+    pub placement: Option<Placement>,
+    /// The directory of this host's keys.
+    pub keys: Option<PathBuf>,
+    /// How far the clock of another machine may be off; `None` if all hosts are on this one.
+    pub clock_error: Option<Span>,
     /// The times of the links.
     pub timing: Timing,
 }
@@ -80,21 +109,24 @@ impl HostsFile {
             let what = format!("version {}; this program reads version {VERSION}", raw.version);
             return Err(bad(what, "write `version = 1`"));
         }
-        let time = |key, text: &Option<String>, default: Span| match text.as_deref().map(str::parse::<Span>) {
+        let time = |key, text: &Option<String>, least: Span, default: Span| match text
+            .as_deref()
+            .map(str::parse::<Span>)
+        {
             None => Ok(default),
-            Some(Ok(time)) if time >= SHORTEST => Ok(time),
-            Some(Ok(time)) => Err(bad(format!("`{key}` is {time}; {SHORTEST} is the minimum"), "write more")),
+            Some(Ok(time)) if time >= least => Ok(time),
+            Some(Ok(time)) => Err(bad(format!("`{key}` is {time}; {least} is the minimum"), "write more")),
             Some(Err(e)) => Err(bad(format!("`{key}`: {e}"), "write a time such as \"2s\"")),
         };
         let default = Timing::default();
-        let silent = time("silent", &raw.silent, default.silent)?;
-        let fence = time("fence", &raw.fence, default.fence)?;
+        let silent = time("silent", &raw.silent, SHORTEST, default.silent)?;
+        let fence = time("fence", &raw.fence, SHORTEST, default.fence)?;
         if fence < silent * 2 {
             let what = format!("`fence` is {fence} and `silent` {silent}");
             return Err(bad(what, "make `fence` at least twice as long as `silent`"));
         }
-        let mut sockets = Vec::new();
-        for (RawHost { name, address }, number) in raw.host.iter().zip(0u16..) {
+        let (mut addresses, mut most) = (Vec::new(), Vec::new());
+        for (RawHost { name, address, most: room }, number) in raw.host.iter().zip(0u16..) {
             let expected = HostId(number).to_string();
             if *name != expected {
                 let what = format!("host `{name}` is in the place of `{expected}`");
@@ -107,35 +139,48 @@ impl HostsFile {
                     "write `local` for h1, where the controller is, and for no other host",
                 ));
             }
+            most.push(*room);
             if number > 0 {
-                sockets.push(socket(address).ok_or_else(|| {
-                    let what = format!("the address of {name} is `{address}`");
-                    bad(
-                        what,
-                        "write `unix:` and the absolute path of a socket, of at most 107 bytes; other machines cannot be reached yet",
-                    )
+                addresses.push(address.parse::<Address>().map_err(|e| {
+                    let what = format!("the address of {name} is `{address}`: {e}");
+                    bad(what, "write `unix:` and the absolute path of a socket, or a machine and a port")
                 })?);
             }
         }
-        if sockets.is_empty() {
+        if addresses.is_empty() {
             return Err(bad("there is one host at most".into(), "name at least two hosts"));
         }
-        if let Some(twice) = (1..sockets.len()).find(|i| sockets[..*i].contains(&sockets[*i])) {
-            let what = format!("two hosts have the address {}", sockets[twice].display());
-            return Err(bad(what, "start a daemon for each host, each with a socket of its own"));
+        if let Some(twice) = (1..addresses.len()).find(|i| addresses[..*i].contains(&addresses[*i])) {
+            let what = format!("two hosts have the address {}", addresses[twice]);
+            return Err(bad(what, "start a daemon for each host, each with an address of its own"));
         }
-        Ok(HostsFile { sockets, timing: Timing { silent, fence, ..default } })
+        let is_away = |address: &&Address| matches!(address, Address::Net { .. });
+        let away = addresses.iter().filter(is_away).count();
+        if away > 0 && away < addresses.len() {
+            let what = "some hosts have sockets and others are on a network".to_owned();
+            return Err(bad(what, "give all hosts addresses on the network, such as 127.0.0.1:7448"));
+        }
+        if away > 0 && raw.keys.is_none() {
+            let what = "hosts on a network need keys".to_owned();
+            return Err(bad(what, "write `keys = \"DIRECTORY\"`; `metamorph host --make-keys` makes one"));
+        }
+        let clock_error = time("clock_error", &raw.clock_error, Span::ZERO, CLOCK_ERROR)?;
+        // The directory is named as seen from the file.
+        let beside = path.parent().unwrap_or(Path::new(""));
+        Ok(HostsFile {
+            addresses,
+            most,
+            placement: raw.placement.map(|placement| placement.by),
+            keys: raw.keys.map(|keys| beside.join(keys)),
+            clock_error: (away > 0).then_some(clock_error),
+            timing: Timing { silent, fence, ..default },
+        })
     }
 
     /// Returns the number of hosts.
     pub fn count(&self) -> usize {
-        self.sockets.len() + 1
+        self.addresses.len() + 1
     }
-}
-
-fn socket(address: &str) -> Option<PathBuf> {
-    let path = Path::new(address.strip_prefix("unix:")?);
-    (path.is_absolute() && path.as_os_str().len() <= PATH_LIMIT).then(|| path.to_owned())
 }
 
 #[cfg(test)]
@@ -149,9 +194,10 @@ mod tests {
     const GOOD: &str = "version = 1\nsilent = \"1s\"\nfence = \"3s\"\n[[host]]\nname = \"h1\"\naddress = \"local\"\n[[host]]\nname = \"h2\"\naddress = \"unix:/run/h2\"\n";
 
     #[test]
-    fn a_hosts_file_names_sockets_and_times() {
+    fn a_hosts_file_names_addresses_and_times() {
         let file = parse(GOOD).unwrap();
-        assert_eq!((file.count(), file.sockets), (2, vec![PathBuf::from("/run/h2")]));
+        assert_eq!((file.count(), &file.addresses[..]), (2, &[Address::Unix("/run/h2".into())][..]));
+        assert_eq!((file.keys, file.clock_error, file.most), (None, None, vec![None; 2]));
         assert_eq!((file.timing.silent, file.timing.fence), (Span::secs(1), Span::secs(3)));
     }
 
@@ -159,9 +205,10 @@ mod tests {
     fn each_mistake_is_named_with_its_fix() {
         let cases = [
             ("version = 1", "version = 2", "version 2"),
-            ("version = 1", "version = 1\nkeys = \"k\"", "unknown field `keys`"),
+            ("version = 1", "version = 1\nkey = \"k\"", "unknown field `key`"),
             ("\"h2\"", "\"h3\"", "host `h3` is in the place of `h2`"),
-            ("unix:/run/h2", "10.0.0.2:7447", "other machines cannot be reached yet"),
+            ("unix:/run/h2", "10.0.0.2:7447", "need keys"),
+            ("unix:/run/h2", "10.0.0.2", "a machine with a port"),
             ("unix:/run/h2", "unix:h2", "absolute"),
             ("unix:/run/h2", "local", "`local` for h1"),
             ("\"local\"", "\"unix:/run/h1\"", "`local` for h1"),
@@ -174,7 +221,14 @@ mod tests {
             assert!(error.contains(what) && error.contains("fix: "), "{error}");
         }
         let twice = format!("{GOOD}[[host]]\nname = \"h3\"\naddress = \"unix:/run/h2\"\n");
+        let mixed = GOOD.replacen("1\n", "1\nkeys = \"k\"\n", 1)
+            + "[[host]]\nname = \"h3\"\naddress = \"10.0.0.3:7447\"\n";
+        assert!(parse(&mixed).unwrap_err().contains("some hosts have sockets"));
         assert!(parse(&twice).unwrap_err().contains("two hosts have the address"));
+        let away = GOOD.replace("unix:/run/h2", "10.0.0.2:7447").replacen("1\n", "1\nkeys = \"k\"\n", 1);
+        let away = HostsFile::parse(Path::new("/etc/mm/hosts.toml"), &away).unwrap();
+        assert_eq!(away.keys, Some(PathBuf::from("/etc/mm/k")));
+        assert_eq!(away.clock_error, Some(CLOCK_ERROR));
         assert!(parse("version = 1\nhost = []").unwrap_err().contains("at least two hosts"));
     }
 }

@@ -1,6 +1,7 @@
 //! What controller and daemons say to each other: the opening of a connection, then messages on the stream of the
 //! host link. All of it is bincode with a length before it. Not here: packets, which `protocol` lays out.
 
+use super::address::Address;
 use bincode::config::standard;
 use metamorph_module_agent::run_dir::counter_file::AgentCounters;
 use metamorph_module_agent::transport::AgentKey;
@@ -18,7 +19,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// What an opening begins with; the last byte is the version of this conversation.
-const MAGIC: [u8; 8] = *b"MMHOSTS\x01";
+const MAGIC: [u8; 8] = *b"MMHOSTS\x02";
 /// Largest opening in bytes: it holds the swarm file, which has the same limit.
 const OPENING_LIMIT: usize = 257 << 20;
 /// Largest message on the stream in bytes.
@@ -36,6 +37,25 @@ pub enum Opening {
         /// The other host.
         from: HostId,
     },
+    /// What does this host do?
+    Status,
+    /// Remove what killed runs have left here.
+    Clean,
+}
+
+/// What a daemon is and does.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct HostStatus {
+    /// The version of its program.
+    pub version: String,
+    /// The hash of its program.
+    pub build: u64,
+    /// The most modules that it takes.
+    pub most: u32,
+    /// The run that it serves, with the number of modules.
+    pub serves: Option<(u64, u32)>,
+    /// The number of killed runs that have left files.
+    pub leftovers: u32,
 }
 
 /// A share of a swarm.
@@ -53,14 +73,16 @@ pub struct Assignment {
     pub hosts: Arc<Hosts>,
     /// The number of modules of the swarm.
     pub count: u32,
-    /// The sockets of the daemons of h2, h3, ...
-    pub sockets: Vec<PathBuf>,
+    /// The addresses of the daemons of h2, h3, ...
+    pub addresses: Vec<Address>,
     /// The family of the agents.
     pub family: String,
     /// The swarm file.
     pub swarm: Vec<u8>,
-    /// The clock page of the run.
+    /// The clock page of the run, for hosts on this machine; others get pages over the link.
     pub clock: PathBuf,
+    /// How far a clock of another machine may be off (real time).
+    pub clock_error: Span,
     /// The time after which a host counts as silent, and the one after which it counts as dead.
     pub silent_and_fence: (Span, Span),
     /// True if agents log to the daemon's standard error.
@@ -74,6 +96,10 @@ pub enum Answer {
     Ready(PathBuf),
     /// It does not, for this reason.
     Refused(String),
+    /// What it is and does.
+    Status(HostStatus),
+    /// What it has removed.
+    Cleaned(String),
 }
 
 /// A message from the controller to a daemon.
@@ -87,6 +113,8 @@ pub enum ToDaemon {
     Reap(AgentKey),
     /// Put a frame into the inbox of an agent.
     Frame(AgentKey, Sent),
+    /// The controller's clock page, for hosts with a clock of their own.
+    Clock(Vec<u8>),
     /// Report when no frame to another host is under way.
     Drain,
     /// Report what the host itself has counted.
@@ -214,6 +242,27 @@ pub fn read_opening<M: DeserializeOwned>(from: &mut impl Read) -> io::Result<M> 
     decode(&body).ok_or_else(|| invalid("the opening cannot be read"))
 }
 
+/// Takes a whole opening off the bytes heard so far, or the answer to one.
+///
+/// # Errors
+/// If they are not the beginning of an opening.
+#[cfg_attr(not(feature = "hosts"), allow(dead_code, reason = "sockets are read until an opening is whole"))]
+pub fn whole_opening<M: DeserializeOwned>(heard: &mut Vec<u8>) -> io::Result<Option<M>> {
+    let before = MAGIC.len() + 4;
+    let Some(length) = heard.get(MAGIC.len()..before).and_then(|bytes| bytes.try_into().ok()) else {
+        return Ok(None);
+    };
+    let whole = before + u32::from_le_bytes(length) as usize;
+    if heard[..MAGIC.len()] == MAGIC && whole <= OPENING_LIMIT && heard.len() < whole {
+        return Ok(None);
+    }
+    let mut rest = heard.as_slice();
+    let message = read_opening(&mut rest)?;
+    let used = heard.len() - rest.len();
+    heard.drain(..used);
+    Ok(Some(message))
+}
+
 fn decode<M: DeserializeOwned>(bytes: &[u8]) -> Option<M> {
     let read = bincode::serde::decode_from_slice(bytes, standard().with_limit::<OPENING_LIMIT>());
     read.ok().filter(|(_, used)| *used == bytes.len()).map(|(message, _)| message)
@@ -279,7 +328,7 @@ mod tests {
         let mut unknown = vec![1, 0, 0, 0, 0xFF];
         assert!(pop::<ToDaemon>(&mut unknown).is_err());
         // A byte too many behind a whole message.
-        let mut trailing = vec![2, 0, 0, 0, 6, 0];
+        let mut trailing = vec![2, 0, 0, 0, 7, 0];
         assert!(pop::<ToDaemon>(&mut trailing).is_err());
         let mut opening = Vec::new();
         write_opening(&mut opening, &Opening::Join { run: 3, from: HostId(1) }).unwrap();
@@ -293,5 +342,40 @@ mod tests {
         for length in 0..opening.len() {
             assert!(read(&opening[..length]).is_err(), "{length} bytes");
         }
+    }
+
+    /// Whatever arrives is refused, waits for more, or is an opening; nothing panics, and no memory is claimed for what is
+    /// only announced.
+    #[test]
+    fn openings_of_hostile_bytes_never_panic() {
+        use metamorph_protocol::rng::Rng;
+        for seed in 0..20_000 {
+            let mut rng = Rng::named(seed, "hostile openings", 0);
+            let body: Vec<u8> = (0..rng.below(200)).map(|_| rng.below(256) as u8).collect();
+            let announced = rng.below(1 << 32) as u32;
+            let mut heard = match rng.below(3) {
+                0 => body,
+                1 => [&MAGIC[..], &announced.to_le_bytes(), &body].concat(),
+                _ => [&MAGIC[..], &(body.len() as u32).to_le_bytes(), &body].concat(),
+            };
+            let before = heard.len();
+            let _ = whole_opening::<Opening>(&mut heard);
+            assert!(heard.len() <= before && heard.capacity() < 1 << 16, "seed {seed}");
+            let _ = pop::<ToController>(&mut heard.clone());
+            let _ = pop::<ToDaemon>(&mut heard);
+        }
+    }
+
+    #[test]
+    fn an_opening_is_taken_once_it_is_whole() {
+        let mut bytes = Vec::new();
+        write_opening(&mut bytes, &Opening::Status).unwrap();
+        write_opening(&mut bytes, &Opening::Clean).unwrap();
+        let (mut heard, mut said) = (Vec::new(), Vec::new());
+        for byte in bytes {
+            heard.push(byte);
+            said.extend(whole_opening::<Opening>(&mut heard).unwrap());
+        }
+        assert_eq!((said, heard.len()), (vec![Opening::Status, Opening::Clean], 0));
     }
 }

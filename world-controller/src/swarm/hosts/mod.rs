@@ -5,33 +5,57 @@
 //! forwards them. The controller's conversation with agents elsewhere is on the stream of the link to their host. Not
 //! here: protocols between hosts, which are in `protocol`, and the controller loop, which is the same for all backends.
 
+mod address;
 mod backend;
 mod carrier;
+mod connection;
+mod costs;
 mod daemon;
 mod fleet;
+mod follower;
+mod gate;
 mod hosts_file;
 mod messages;
+#[cfg(feature = "hosts")]
+mod net;
 mod node;
+mod notify;
+mod parts;
+mod reach;
 mod residents;
+mod survey;
 
+pub use address::{Address, AddressError};
 pub use backend::{Hosts, backend};
+pub use costs::{NetCost, NetCosts};
 pub use daemon::{DaemonError, DaemonOptions, daemon};
 pub use fleet::{Fleet, FleetError};
-pub use hosts_file::{HostsFile, HostsFileError};
+pub use hosts_file::{HostsFile, HostsFileError, Placement};
+#[cfg(feature = "hosts")]
+pub use net::bench::{NetBenchError, measure as measure_net};
+#[cfg(feature = "hosts")]
+pub use net::{KeysError, make as make_keys};
 pub use node::build;
+pub use reach::ReachError;
+pub use survey::{Survey, status as host_status};
 
 use metamorph_protocol::host_link::Timing;
+use metamorph_protocol::time::Span;
 use std::path::PathBuf;
 
 /// How a controller gets the daemons of the other hosts.
 #[derive(Clone, Debug, Default)]
 pub struct HostsOptions {
-    /// The sockets of the daemons of h2, h3, ...; empty if the controller starts them itself.
-    pub sockets: Vec<PathBuf>,
+    /// The addresses of the daemons of h2, h3, ...; empty if the controller starts them itself.
+    pub addresses: Vec<Address>,
+    /// The directory of this host's keys, which hosts on other machines need.
+    pub keys: Option<PathBuf>,
     /// The build of the program (see [`build`]); daemons of another build refuse the run.
     pub build: u64,
     /// The times of the links between hosts.
     pub timing: Timing,
     /// The family of the agents, by which a daemon chooses what to start.
     pub family: String,
+    /// How far the clock of another machine may be off (real time).
+    pub clock_error: Span,
 }

@@ -1,7 +1,8 @@
 //! One host's end of all its links: packets between carriers and host links, frames between the inboxes of this host
 //! and other hosts, the bytes of streams, and this host's own counts. Used by daemons and by the controller.
 
-use super::carrier::{Carrier, CarrierEvent, INCOMING, UnixCarrier};
+use super::carrier::{Carrier, CarrierEvent, INCOMING};
+use super::connection::Connection;
 use super::messages::{self, Assignment};
 use super::residents::Residents;
 use metamorph_module_agent::clock::monotonic;
@@ -12,7 +13,8 @@ use metamorph_module_agent::transport::{Link, SendStatus, Transport};
 use metamorph_protocol::counters::{Class, Counts, Tally};
 use metamorph_protocol::host_link::packet::{Life, Proof, Run, Terms};
 use metamorph_protocol::host_link::{
-    Channel as Stream, Config, FRAME_WINDOW, HostLink, Offered, Output, Prover, Role, State, Timing,
+    Channel as Stream, ClockInterval, Config, FRAME_WINDOW, HostLink, Offered, Output, Prover, Role, State,
+    Timing,
 };
 use metamorph_protocol::ids::{HostId, ModuleId};
 use metamorph_protocol::link::Hosts;
@@ -24,16 +26,19 @@ use siphasher::sip128::{Hasher128, SipHasher24};
 use std::collections::{BTreeMap, VecDeque};
 use std::hash::Hasher;
 use std::io;
-use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Duration;
 
 /// The version of the conversation between hosts.
-const PROGRAM: u32 = 1;
+pub const PROGRAM: u32 = 2;
 /// Number of packets taken in one turn.
 const PACKETS: usize = 256;
+/// How long a controller may take at least to get all hosts together before it is heard.
+const GRACE: Span = Span::secs(60);
+/// Refusals of one host in a second that are logged.
+const NAMED: u32 = 50;
 /// Bytes of a stream that may wait for its window before the owner should say no more.
 const BACKLOG: usize = 1 << 20;
 
@@ -65,8 +70,14 @@ struct Peer {
     /// Bytes for the stream beyond its window.
     outgoing: Vec<u8>,
     incoming: Vec<u8>,
+    /// The same for the bulk stream.
+    bulk: (Vec<u8>, Vec<u8>),
     /// The scenario time at which the link was last silent.
     healed: Time,
+    /// When the carrier was taken into use.
+    attached: Time,
+    /// Packets refused that have been logged, and the second that they are counted in.
+    refused: (u64, u32),
 }
 
 /// One host's end of all its links.
@@ -79,6 +90,8 @@ pub struct Node<L> {
     peers: BTreeMap<HostId, Peer>,
     carriers: (SyncSender<CarrierEvent>, Receiver<CarrierEvent>),
     opened: u64,
+    /// How long the controller may take to be heard for the first time.
+    grace: Span,
     changes: VecDeque<(HostId, State)>,
     /// The agents of this host.
     pub residents: Residents<L>,
@@ -125,6 +138,7 @@ impl<L: Link> Node<L> {
             peers,
             carriers: sync_channel(INCOMING),
             opened: 0,
+            grace: assignment.silent_and_fence.1.max(GRACE),
             changes: VecDeque::new(),
             residents: Residents::new(),
             tally: Tally::default(),
@@ -136,12 +150,13 @@ impl<L: Link> Node<L> {
     /// Takes a connection to another host into use, in place of the one before.
     ///
     /// # Errors
-    /// If the socket cannot be set up.
-    pub fn attach(&mut self, to: HostId, stream: UnixStream) -> io::Result<()> {
+    /// If it cannot be set up.
+    pub fn attach(&mut self, to: HostId, connection: Connection) -> io::Result<()> {
         self.opened += 1;
-        let carrier = UnixCarrier::start(stream, to, self.opened, self.carriers.0.clone(), &self.root)?;
+        let carrier = connection.carry(to, self.opened, self.carriers.0.clone(), &self.root)?;
         if let Some(peer) = self.peers.get_mut(&to) {
             let now = Time(monotonic());
+            peer.attached = now;
             if peer.carrier.replace((self.opened, Box::new(carrier))).is_some() {
                 peer.link.carrier_down(now);
             }
@@ -150,10 +165,10 @@ impl<L: Link> Node<L> {
         Ok(())
     }
 
-    /// Iterates over the hosts of higher number without a connection: this one opens it.
-    pub fn to_dial(&self) -> impl Iterator<Item = HostId> {
+    /// Iterates over the hosts without a connection.
+    pub fn unconnected(&self) -> impl Iterator<Item = HostId> {
         let open = |peer: &Peer| peer.carrier.is_some() || peer.link.state() == State::Closed;
-        self.peers.iter().filter(move |(id, peer)| **id > self.host && !open(peer)).map(|(id, _)| *id)
+        self.peers.iter().filter(move |(_, peer)| !open(peer)).map(|(id, _)| *id)
     }
 
     /// Returns the home of a module; a number that no module has belongs to the controller's host.
@@ -166,7 +181,7 @@ impl<L: Link> Node<L> {
     pub fn has_to_stop(&self) -> bool {
         self.peers.get(&HostId::CONTROLLER).is_some_and(|peer| match peer.link.acts_until() {
             Some(end) => Time(monotonic()) >= end,
-            None => peer.carrier.is_none(),
+            None => peer.carrier.is_none() || Time(monotonic()) >= peer.attached + self.grace,
         })
     }
 
@@ -181,6 +196,30 @@ impl<L: Link> Node<L> {
         if let Some(peer) = self.peers.get_mut(&to) {
             messages::push(&mut peer.outgoing, message);
         }
+    }
+
+    /// Sends a message to another host on the bulk stream, which gets what the stream leaves. Returns false if too much
+    /// waits.
+    pub fn tell_in_bulk<M: Serialize>(&mut self, to: HostId, message: &M) -> bool {
+        let Some(peer) = self.peers.get_mut(&to).filter(|peer| peer.bulk.0.len() < BACKLOG) else {
+            return false;
+        };
+        messages::push(&mut peer.bulk.0, message);
+        true
+    }
+
+    /// Returns the next message from another host on the bulk stream.
+    ///
+    /// # Errors
+    /// If its bytes hold no message.
+    pub fn hear_in_bulk<M: DeserializeOwned>(&mut self, from: HostId) -> io::Result<Option<M>> {
+        self.peers.get_mut(&from).map_or(Ok(None), |peer| messages::pop(&mut peer.bulk.1))
+    }
+
+    /// True if all that was said to another host on the bulk stream has arrived.
+    pub fn is_bulk_through(&self, to: HostId) -> bool {
+        let is_through = |peer: &Peer| peer.bulk.0.is_empty() && peer.link.open_bytes(Stream::Bulk) == 0;
+        self.peers.get(&to).is_none_or(is_through)
     }
 
     /// True if so much waits for the stream that no more should be said for now.
@@ -269,15 +308,23 @@ impl<L: Link> Node<L> {
     }
 
     fn take(&mut self, now: Time, event: CarrierEvent, cut: &[HostId]) {
-        let (CarrierEvent::Packet { from, number, .. } | CarrierEvent::Down { from, number }) = event;
+        let (CarrierEvent::Packet { from, number, .. }
+        | CarrierEvent::Interrupted { from, number }
+        | CarrierEvent::Down { from, number }) = event;
         let is_current = |peer: &&mut Peer| peer.carrier.as_ref().is_some_and(|(n, _)| *n == number);
         let Some(peer) = self.peers.get_mut(&from).filter(is_current) else { return };
         match event {
             CarrierEvent::Packet { .. } if cut.contains(&from) => {}
             CarrierEvent::Packet { packet, .. } => {
-                if let Err(refused) = peer.link.receive(now, &packet) {
+                if let Err(refused) = peer.link.receive(now, &packet)
+                    && peer.is_worth_a_line(now)
+                {
                     tracing::warn!("a packet from {from} is refused: {refused}");
                 }
+            }
+            CarrierEvent::Interrupted { .. } => {
+                peer.link.carrier_down(now);
+                peer.link.carrier_up(now);
             }
             CarrierEvent::Down { .. } => {
                 peer.carrier = None;
@@ -298,6 +345,10 @@ impl<L: Link> Node<L> {
         let header = frame.open().ok().filter(|header| header.channel == Channel::Peer);
         let Some(header) = header.filter(|header| self.hosts.is_home(header.source, from)) else {
             self.foreign += 1;
+            let now = Time(monotonic());
+            if self.peers.get_mut(&from).is_some_and(|peer| peer.is_worth_a_line(now)) {
+                tracing::warn!("a message from {from} is refused: its sender is not at home there");
+            }
             return;
         };
         let counts = &mut self.tally[header.class];
@@ -306,6 +357,11 @@ impl<L: Link> Node<L> {
             SendStatus::Full => counts.overflowed += 1,
             SendStatus::Gone => counts.expired += 1,
         }
+    }
+
+    /// Returns how far the clock of another host is ahead, if that is known.
+    pub fn clock_of(&self, host: HostId) -> Option<ClockInterval> {
+        self.peers.get(&host)?.link.clock(Time(monotonic()))
     }
 
     /// Returns how long the owner may wait before the next turn.
@@ -386,7 +442,26 @@ impl Peer {
             defect: None,
         };
         let link = HostLink::new(config, Secret(*secret));
-        Peer { link, carrier: None, outgoing: Vec::new(), incoming: Vec::new(), healed: Time::ZERO }
+        Peer {
+            link,
+            carrier: None,
+            outgoing: Vec::new(),
+            incoming: Vec::new(),
+            bulk: Default::default(),
+            healed: Time::ZERO,
+            attached: Time::ZERO,
+            refused: (0, 0),
+        }
+    }
+
+    /// True for the first refusals in each second: a host that floods must not fill the log as well.
+    fn is_worth_a_line(&mut self, now: Time) -> bool {
+        let second = now.0 / 1_000_000_000;
+        if self.refused.0 != second {
+            self.refused = (second, 0);
+        }
+        self.refused.1 += 1;
+        self.refused.1 <= NAMED
     }
 
     /// Gives the link its turn and the carrier its packets.
@@ -397,6 +472,10 @@ impl Peer {
         if !self.outgoing.is_empty() {
             let taken = self.link.write(now, Stream::Stream, &self.outgoing);
             self.outgoing.drain(..taken);
+        }
+        if !self.bulk.0.is_empty() {
+            let taken = self.link.write(now, Stream::Bulk, &self.bulk.0);
+            self.bulk.0.drain(..taken);
         }
         self.link.flush(now);
         self.send(is_cut, &mut other);
@@ -411,6 +490,7 @@ impl Peer {
                     }
                 }
                 Output::Bytes(Stream::Stream, bytes) => self.incoming.extend(bytes),
+                Output::Bytes(Stream::Bulk, bytes) => self.bulk.1.extend(bytes),
                 output => other(output),
             }
         }

@@ -1,0 +1,16 @@
+//! Links between machines, over zenoh with mutual TLS (cargo feature `hosts`).
+//!
+//! zenoh carries packets and may lose them: what has to arrive is numbered and acknowledged by the host link. Keys are
+//! `mm/RUN/FROM/TO/SERVICE`; certificates say who may put and hear what. Not here: what packets mean.
+
+pub mod bench;
+mod door;
+mod keys;
+mod probe;
+mod session;
+mod settings;
+
+pub use door::{Knock, Reply, Visit, VisitError, serve};
+pub use keys::{Keys, KeysError, make};
+pub use probe::{Fault, probe};
+pub use session::{Line, Net, SessionError};

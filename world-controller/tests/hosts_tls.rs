@@ -1,0 +1,289 @@
+//! Swarms on several machines over zenoh with mutual TLS, played by daemons on loopback addresses (feature `hosts`): a run
+//! is built and replays, and everything without the right keys is refused by name.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
+
+use metamorph_protocol::ids::HostId;
+use metamorph_world_controller::report::schema::Report;
+use metamorph_world_controller::swarm::make_keys;
+use std::fs;
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::Mutex;
+use std::time::Duration;
+use tempfile::TempDir;
+
+/// The longest wait for a condition.
+const WATCHDOG: u32 = 60_000;
+
+/// Two runs at a time would compete for the processors.
+static ALONE: Mutex<()> = Mutex::new(());
+
+fn metamorph(program: &Path, args: &[&str]) -> Command {
+    let mut command = Command::new(program);
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    command.args(args).stdin(Stdio::null()).current_dir(root).env_remove("METAMORPH_LOG");
+    command
+}
+
+fn program() -> &'static Path {
+    Path::new(env!("CARGO_BIN_EXE_metamorph"))
+}
+
+fn run(args: &[&str]) -> (Option<i32>, String, String) {
+    let Output { status, stdout, stderr } = metamorph(program(), args).output().unwrap();
+    let text = |bytes| String::from_utf8_lossy(bytes).into_owned();
+    (status.code(), text(&stdout), text(&stderr))
+}
+
+fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
+    for _ in 0..WATCHDOG / 20 {
+        if holds() {
+            return;
+        }
+        std::thread::park_timeout(Duration::from_millis(20));
+    }
+    panic!("timed out waiting for {what}");
+}
+
+/// Returns a port that was free a moment ago.
+fn port() -> u16 {
+    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
+/// The keys and the hosts file of a site, and its daemons. They are killed when dropped.
+struct Site {
+    directory: TempDir,
+    ports: Vec<u16>,
+    daemons: Vec<Child>,
+}
+
+impl Site {
+    /// Makes keys for `hosts` hosts, without daemons.
+    fn new(hosts: usize) -> Site {
+        let ports: Vec<u16> = (1..hosts).map(|_| port()).collect();
+        let site = Site { directory: tempfile::tempdir().unwrap(), ports, daemons: Vec::new() };
+        let mut text =
+            "version = 1\nkeys = \"keys\"\nsilent = \"1s\"\nfence = \"3s\"\nclock_error = \"20ms\"\n\
+                        [[host]]\nname = \"h1\"\naddress = \"local\"\n"
+                .to_owned();
+        for (port, number) in site.ports.iter().zip(2..) {
+            text += &format!("[[host]]\nname = \"h{number}\"\naddress = \"127.0.0.1:{port}\"\n");
+        }
+        fs::write(site.path("hosts.toml"), text).unwrap();
+        let made = run(&["host", "--keys", &site.text("keys"), "--make-keys", &site.text("hosts.toml")]);
+        assert_eq!(made.0, Some(0), "{made:?}");
+        site
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.directory.path().join(name)
+    }
+
+    fn text(&self, name: &str) -> String {
+        self.path(name).display().to_string()
+    }
+
+    /// Starts the daemon of h2, h3, ... with these keys and waits until it listens.
+    fn start(&mut self, program: &Path, i: usize, name: &str, keys: &str) {
+        let (listen, log) = (format!("127.0.0.1:{}", self.ports[i]), self.path(&format!("{i}.log")));
+        let args = ["-v", "host", "--listen", &listen, "--name", name, "--keys", keys];
+        let daemon = metamorph(program, &args).stderr(fs::File::create(log).unwrap()).spawn().unwrap();
+        self.daemons.push(daemon);
+        let port = self.ports[i];
+        wait_until("a daemon to listen", || TcpStream::connect(("127.0.0.1", port)).is_ok());
+    }
+
+    fn start_all(&mut self) {
+        for i in 0..self.ports.len() {
+            self.start(program(), i, &HostId(i as u16 + 1).to_string(), &self.text("keys"));
+        }
+    }
+
+    fn log(&self, i: usize) -> String {
+        fs::read_to_string(self.path(&format!("{i}.log"))).unwrap_or_default()
+    }
+
+    fn check(&self) -> (Option<i32>, String, String) {
+        run(&["check", "deploy/scenarios/swarm.toml", "--hosts", &self.text("hosts.toml")])
+    }
+}
+
+impl Drop for Site {
+    fn drop(&mut self) {
+        for daemon in &mut self.daemons {
+            let _ = daemon.kill();
+            let _ = daemon.wait();
+        }
+        let _ = metamorph(program(), &["clean"]).output();
+    }
+}
+
+#[test]
+fn a_swarm_on_three_machines_is_built_and_its_journal_replays() {
+    let _alone = ALONE.lock();
+    let mut site = Site::new(3);
+    site.start_all();
+    let checked = site.check();
+    assert_eq!(checked.0, Some(0), "{checked:?} {}", site.log(0));
+    assert!(
+        checked.1.matches("room for").count() == 2 && checked.1.contains("its clock is known to"),
+        "{checked:?}"
+    );
+    let (hosts, journal) = (site.text("hosts.toml"), site.text("run.journal"));
+    let scenario = "deploy/scenarios/swarm.toml";
+    let ran = run(&["run", scenario, "--hosts", &hosts, "--journal", &journal, "--json", "-", "--quiet"]);
+    assert_eq!(ran.0, Some(0), "{ran:?}\n{}\n{}", site.log(0), site.log(1));
+    let report: Report = serde_json::from_str(&ran.1).unwrap();
+    assert_eq!((report.outcome.as_str(), report.invariants.broken, &report.notes[..]), ("built", 0, &[][..]));
+    let crossed = report.hosts.unwrap().crossed;
+    for (from, to) in [("h1", "h2"), ("h2", "h1"), ("h2", "h3"), ("h3", "h2")] {
+        let pair = crossed.iter().find(|c| (c.from.as_str(), c.to.as_str()) == (from, to)).unwrap();
+        assert!(pair.all.sent > 50, "{from} to {to}: {pair:?}");
+    }
+    let replayed = run(&["replay", &journal, "--quiet"]);
+    assert_eq!(replayed.0, Some(0), "{replayed:?}");
+    // The agents of h2 and h3 have written their parts on their own hosts.
+    assert!(!site.path("run.journal.parts").exists());
+}
+
+/// Asserts that `check --hosts` fails and names the reason.
+fn is_named(site: &Site, reason: &str) {
+    let (code, out, err) = site.check();
+    assert_eq!(code, Some(1), "{out} {err} {}", site.log(0));
+    assert!(out.contains(reason) && out.contains("fix: "), "`{reason}` is missing: {out} {err}");
+}
+
+#[test]
+fn keys_of_another_site_and_expired_ones_are_refused_by_name() {
+    let hosts = [(HostId(0), vec![]), (HostId(1), vec!["127.0.0.1".to_owned()])];
+    let mut site = Site::new(2);
+    is_named(&site, "no connection");
+    make_keys(&site.path("other"), &hosts, Duration::from_secs(3_600)).unwrap();
+    site.start(program(), 0, "h2", &site.text("other"));
+    is_named(&site, "its certificate is of another authority");
+    wait_until("the daemon to name it", || site.log(0).contains("WARN"));
+
+    let mut site = Site::new(2);
+    make_keys(&site.path("expired"), &hosts, Duration::ZERO).unwrap();
+    site.start(program(), 0, "h2", &site.text("expired"));
+    // The controller has keys of the same, expired site, so that only the dates are wrong.
+    fs::rename(site.path("keys"), site.path("unused")).unwrap();
+    fs::rename(site.path("expired"), site.path("keys")).unwrap();
+    // Certificates end with the second in which they were made.
+    wait_until("the certificates to expire", || site.check().1.contains("not valid"));
+    is_named(&site, "its certificate is not valid now");
+}
+
+#[test]
+fn a_wrong_token_name_or_build_and_plain_tcp_are_refused_by_name() {
+    let mut site = Site::new(2);
+    let copy = |site: &Site, to: &str| {
+        fs::create_dir(site.path(to)).unwrap();
+        for entry in fs::read_dir(site.path("keys")).unwrap() {
+            let from = entry.unwrap().path();
+            fs::copy(&from, site.path(to).join(from.file_name().unwrap())).unwrap();
+        }
+    };
+    copy(&site, "forged");
+    fs::write(site.path("forged").join("token"), [7; 32]).unwrap();
+    site.start(program(), 0, "h2", &site.text("forged"));
+    is_named(&site, "the proof is wrong");
+    wait_until("the daemon to name it", || site.log(0).contains("without proving the token"));
+
+    let mut site = Site::new(3);
+    site.start(program(), 0, "h3", &site.text("keys"));
+    is_named(&site, "its certificate is that of `h3`");
+
+    let mut site = Site::new(2);
+    let other = site.path("metamorph");
+    fs::copy(program(), &other).unwrap();
+    fs::File::options().append(true).open(&other).unwrap().write_all(b"another build").unwrap();
+    site.start(&other, 0, "h2", &site.text("keys"));
+    is_named(&site, "they run different builds of the program");
+
+    let site = Site::new(2);
+    let listener = TcpListener::bind(("127.0.0.1", site.ports[0])).unwrap();
+    std::thread::spawn(move || {
+        for stream in listener.incoming().flatten() {
+            let mut stream = stream;
+            let _ = stream.write_all(b"220 some other service\r\n");
+        }
+    });
+    is_named(&site, "does not speak TLS");
+}
+
+/// Neither plain TCP nor TLS without a certificate gets anything out of a daemon, and it goes on serving.
+#[test]
+fn a_daemon_refuses_who_has_no_certificate() {
+    let mut site = Site::new(2);
+    site.start_all();
+    let mut plain = TcpStream::connect(("127.0.0.1", site.ports[0])).unwrap();
+    plain.write_all(b"GET / HTTP/1.1\r\n\r\n").unwrap();
+    plain.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    let mut answer = Vec::new();
+    let _ = plain.read_to_end(&mut answer);
+    // At most an alert of TLS.
+    assert!(answer.len() < 16, "{answer:?}");
+    wait_until("the daemon to name it", || site.log(0).contains("WARN"));
+    let checked = site.check();
+    assert_eq!(checked.0, Some(0), "{checked:?}");
+    let plain = run(&["host", "--listen", "127.0.0.1:1", "--most", "3"]);
+    assert!(
+        plain.0 == Some(1) && plain.2.contains("a daemon on a network needs a name and keys"),
+        "{plain:?}"
+    );
+}
+
+/// The decompression of lz4_flex 0.10 can show foreign memory (RUSTSEC-2026-0041). zenoh always builds it and uses it with
+/// one feature only, which is off.
+#[test]
+fn zenoh_does_not_compress() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    let args =
+        ["metadata", "--offline", "--format-version", "1", "--features", "metamorph-world-controller/hosts"];
+    let platform = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
+    let mut cargo = Command::new(env!("CARGO"));
+    let output = cargo.args(args).args(["--filter-platform", &platform]).current_dir(root).output().unwrap();
+    let metadata: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let nodes = metadata["resolve"]["nodes"].as_array().unwrap();
+    let zenoh: Vec<_> = nodes.iter().filter(|node| node["id"].as_str().unwrap().contains("#zenoh")).collect();
+    assert!(zenoh.len() > 10, "zenoh was not found");
+    for node in zenoh {
+        let features = node["features"].as_array().unwrap();
+        let refused =
+            ["transport_compression", "transport_tcp", "transport_udp", "unstable", "shared-memory"];
+        assert!(features.iter().all(|f| !refused.contains(&f.as_str().unwrap())), "{node}");
+    }
+}
+
+/// A daemon that dies takes its modules along; the rest goes on, and the journal, with torn parts, replays.
+#[test]
+fn a_lost_machine_takes_its_modules_along() {
+    let _alone = ALONE.lock();
+    let mut site = Site::new(3);
+    site.start_all();
+    let (hosts, journal, out) = (site.text("hosts.toml"), site.text("run.journal"), site.text("report.json"));
+    let scenario = "deploy/scenarios/swarm.toml";
+    let args = ["run", scenario, "--hosts", &hosts, "--journal", &journal, "--json", &out, "--quiet"];
+    let mut run_of = metamorph(program(), &[&args[..], &["--set", "stop.timeout=30s"]].concat())
+        .stderr(fs::File::create(site.path("run.log")).unwrap())
+        .spawn()
+        .unwrap();
+    let parts = site.path("run.journal.parts");
+    // Those of h2 are numbers 14 to 27, and arrive over the network.
+    let arrived =
+        || (14..28).all(|id| parts.join(format!("{id}.0")).metadata().is_ok_and(|m| m.len() > 2_000));
+    wait_until("the modules of h2 to work", arrived);
+    site.daemons[0].kill().unwrap();
+    wait_until("the run to end", || run_of.try_wait().unwrap().is_some());
+    let said = fs::read_to_string(site.path("run.log")).unwrap();
+    let text = fs::read_to_string(&out).unwrap_or_else(|e| panic!("{e}: {said}"));
+    let report: Report = serde_json::from_str(&text).unwrap();
+    assert_eq!(report.invariants.broken, 0, "{:?}", report.notes);
+    let lost = |id| report.faults.iter().any(|f| f.fault == "external" && f.module == Some(id));
+    assert!((14..28).all(lost) && !(0..14).any(lost), "{:?}", report.faults);
+    let replayed = run(&["replay", &journal, "--quiet"]);
+    assert_eq!(replayed.0, Some(0), "{replayed:?}");
+}
