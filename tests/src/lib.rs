@@ -2,7 +2,7 @@
 //!
 //! [`probe`] is a family of modules that only sends what it is told and reports what it senses;
 //! [`mod@conformance`] is the suite that every driver passes, written against it; [`chaos`] breaks swarms of
-//! real processes from outside; [`mod@hostile`] gives hostile inputs to commands; [`growth`] is the
+//! real processes from outside, [`daemons`] their hosts and cables; [`mod@hostile`] gives hostile inputs to commands; [`growth`] is the
 //! experiment that tests of the cube protocol vary, [`metamodules`] the one of the thesis, whose variations
 //! [`cases`] gives names; [`command`] is `metamorph` as a user runs it, [`view`] its page; [`checker`] reads journals without
 //! code of the program and checks every position; [`statistics`] compares samples.
@@ -14,6 +14,7 @@ pub mod checked_run;
 pub mod checker;
 pub mod command;
 pub mod conformance;
+pub mod daemons;
 pub mod growth;
 pub mod hostile;
 pub mod hosts;

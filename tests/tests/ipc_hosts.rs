@@ -3,20 +3,17 @@
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_module_agent::journal_file::Reader;
-use metamorph_module_agent::run_dir::identity::Identity;
-use metamorph_tests::chaos::{left_of, root_of, signal_to, wait_until};
-use metamorph_tests::command::{command, report, run, run_processes, scenario};
+use metamorph_tests::chaos::{left_of, root_of, wait_until};
+use metamorph_tests::command::{report, run, run_processes, scenario};
+use metamorph_tests::daemons::{Daemons, left_by};
 use metamorph_world_controller::record::journal::{Event, parts_of};
 use metamorph_world_controller::report::schema::Report;
-use metamorph_world_controller::swarm::{RunDir, clean};
 use rustix::process::Signal;
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Stdio};
+use std::path::Path;
 use std::sync::Mutex;
-use tempfile::TempDir;
 
-/// Times of the links between hosts in these tests.
+/// Times of the links between hosts in the test of a host that is not there.
 const TIMES: &str = "version = 1\nsilent = \"1s\"\nfence = \"2s\"\n";
 /// Modules of h2 in the scenario `swarm` on three hosts.
 const OF_H2: std::ops::Range<u32> = 14..28;
@@ -24,96 +21,33 @@ const OF_H2: std::ops::Range<u32> = 14..28;
 /// Two runs at a time would compete for the processors.
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// Two daemons, h2 and h3, and the hosts file that names them. Killed when dropped.
-struct Daemons {
-    directory: TempDir,
-    children: Vec<Child>,
-}
-
-impl Daemons {
-    fn start() -> Daemons {
-        let directory = tempfile::tempdir().unwrap();
-        let mut text = format!("{TIMES}[[host]]\nname = \"h1\"\naddress = \"local\"\n");
-        let mut daemons = Daemons { directory, children: Vec::new() };
-        for host in ["h2", "h3"] {
-            let socket = daemons.path(host);
-            let daemon = command(&["host", "--listen", &socket]).stderr(Stdio::null()).spawn().unwrap();
-            daemons.children.push(daemon);
-            wait_until("a daemon to listen", || Path::new(&socket).exists());
-            text += &format!("[[host]]\nname = \"{host}\"\naddress = \"unix:{socket}\"\n");
-        }
-        fs::write(daemons.path("hosts.toml"), text).unwrap();
-        daemons
-    }
-
-    fn path(&self, name: &str) -> String {
-        self.directory.path().join(name).display().to_string()
-    }
-
-    fn identity(&self, i: usize) -> Identity {
-        Identity::of(self.children[i].id() as i32).unwrap().unwrap()
-    }
-
-    /// Sends a signal to a daemon.
-    fn signal(&self, i: usize, signal: Signal) {
-        signal_to(self.children[i].id() as i32, signal);
-    }
-
-    /// Runs the scenario `swarm` on the hosts; `disturb` is called when all agents of h2 are up and the first has acted.
-    fn run(&self, disturb: impl FnOnce()) -> Report {
-        let (hosts, journal) = (self.path("hosts.toml"), self.path("run.journal"));
-        let swarm = scenario("swarm.toml").display().to_string();
-        let args = ["run", &swarm, "--hosts", &hosts, "--journal", &journal, "--json", "-", "--quiet"];
-        let args = [&args[..], &["--set", "stop.timeout=30s", "--seed", "3"]].concat();
-        let ran = std::thread::scope(|scope| {
-            let ran = scope.spawn(|| run_processes(&args));
-            let h2 = self.children[0].id() as i32;
-            // A counter file for each agent, and one for the daemon.
-            wait_until("the agents of h2 to work", || {
-                let agents = root_of(h2).map(|root| fs::read_dir(root.join("ledgers")));
-                agents.and_then(Result::ok).is_some_and(|agents| agents.count() > OF_H2.len())
-            });
-            // A host that is lost before the run begins ends it.
-            let controller = parts_of(Path::new(&journal)).join("controller");
-            wait_until("the run to begin", || {
-                let records = Reader::open(&controller).into_iter().flatten();
-                records.map_while(Result::ok).any(|record| matches!(record.event, Event::Act { .. }))
-            });
-            disturb();
-            ran.join().unwrap()
+/// Runs the scenario `swarm` on the hosts; `disturb` is called when all agents of h2 are up and the first has acted.
+fn run_on(daemons: &Daemons, disturb: impl FnOnce()) -> Report {
+    let (hosts, journal) = (daemons.path("hosts.toml"), daemons.path("run.journal"));
+    let swarm = scenario("swarm.toml").display().to_string();
+    let args = ["run", &swarm, "--hosts", &hosts, "--journal", &journal, "--json", "-", "--quiet"];
+    let args = [&args[..], &["--set", "stop.timeout=30s", "--seed", "3"]].concat();
+    let ran = std::thread::scope(|scope| {
+        let ran = scope.spawn(|| run_processes(&args));
+        let h2 = daemons.pid(0);
+        // A counter file for each agent, and one for the daemon.
+        wait_until("the agents of h2 to work", || {
+            let agents = root_of(h2).map(|root| fs::read_dir(root.join("ledgers")));
+            agents.and_then(Result::ok).is_some_and(|agents| agents.count() > OF_H2.len())
         });
-        let replayed = run(&["replay", &journal, "--quiet"]);
-        assert_eq!(replayed.code, Some(0), "{replayed:?}");
-        assert!(!ran.out.is_empty(), "{ran:?}");
-        report(&ran.out)
-    }
-
-    /// Ends the daemons, and asserts that no file of their runs is left.
-    fn end(mut self) {
-        let identities: Vec<Identity> = (0..self.children.len()).map(|i| self.identity(i)).collect();
-        for child in &mut self.children {
-            signal_to(child.id() as i32, Signal::TERM);
-            assert!(child.wait().unwrap().success());
-        }
-        for daemon in identities {
-            assert_eq!(left_by(daemon), Vec::<PathBuf>::new());
-        }
-    }
-}
-
-impl Drop for Daemons {
-    fn drop(&mut self) {
-        for child in &mut self.children {
-            let _ = child.kill();
-            let _ = child.wait();
-        }
-        let _ = clean();
-    }
-}
-
-/// Returns the files that the first runs of a process have left.
-fn left_by(process: Identity) -> Vec<PathBuf> {
-    (0..4).flat_map(|n| left_of(&RunDir::name_of(process, n).root())).collect()
+        // A host that is lost before the run begins ends it.
+        let controller = parts_of(Path::new(&journal)).join("controller");
+        wait_until("the run to begin", || {
+            let records = Reader::open(&controller).into_iter().flatten();
+            records.map_while(Result::ok).any(|record| matches!(record.event, Event::Act { .. }))
+        });
+        disturb();
+        ran.join().unwrap()
+    });
+    let replayed = run(&["replay", &journal, "--quiet"]);
+    assert_eq!(replayed.code, Some(0), "{replayed:?}");
+    assert!(!ran.out.is_empty(), "{ran:?}");
+    report(&ran.out)
 }
 
 /// True if the fault took this module away from outside.
@@ -144,12 +78,15 @@ fn a_swarm_on_three_hosts_is_built_and_its_journal_replays() {
     assert_eq!(replayed.code, Some(0), "{replayed:?}");
 }
 
+/// A daemon of this machine that has died is certain to be dead, so nobody waits for the fence, which is an hour here.
 #[test]
 fn a_killed_daemon_takes_its_modules_along_and_the_rest_goes_on() {
     let _alone = ALONE.lock();
     let daemons = Daemons::start();
+    let hosts = fs::read_to_string(daemons.path("hosts.toml")).unwrap();
+    fs::write(daemons.path("hosts.toml"), hosts.replace("fence = \"2s\"", "fence = \"3600s\"")).unwrap();
     let h2 = daemons.identity(0);
-    let report = daemons.run(|| daemons.signal(0, Signal::KILL));
+    let report = run_on(&daemons, || daemons.signal(0, Signal::KILL));
     assert_eq!((report.invariants.broken, &report.notes[..]), (0, &[][..]));
     assert!(OF_H2.into_iter().all(|module| was_lost(&report, module)), "{:?}", report.faults);
     assert!(!(0..14).chain(28..41).any(|module| was_lost(&report, module)), "{:?}", report.faults);
@@ -162,8 +99,8 @@ fn a_frozen_daemon_ends_its_share_when_it_is_continued_and_serves_the_next_run()
     let _alone = ALONE.lock();
     let daemons = Daemons::start();
     let root = std::cell::RefCell::new(None);
-    let report = daemons.run(|| {
-        *root.borrow_mut() = root_of(daemons.children[0].id() as i32);
+    let report = run_on(&daemons, || {
+        *root.borrow_mut() = root_of(daemons.pid(0));
         daemons.signal(0, Signal::STOP);
     });
     assert_eq!(report.invariants.broken, 0);
@@ -171,7 +108,7 @@ fn a_frozen_daemon_ends_its_share_when_it_is_continued_and_serves_the_next_run()
     daemons.signal(0, Signal::CONT);
     let root = root.into_inner().unwrap();
     wait_until("its share to end", || left_of(&root).is_empty());
-    let again = daemons.run(|| ());
+    let again = run_on(&daemons, || ());
     assert_eq!((again.outcome.as_str(), &again.notes[..]), ("built", &[][..]));
     daemons.end();
 }
@@ -180,7 +117,7 @@ fn a_frozen_daemon_ends_its_share_when_it_is_continued_and_serves_the_next_run()
 fn a_daemon_that_is_frozen_for_less_than_the_fence_loses_no_module() {
     let _alone = ALONE.lock();
     let daemons = Daemons::start();
-    let report = daemons.run(|| {
+    let report = run_on(&daemons, || {
         daemons.signal(0, Signal::STOP);
         std::thread::park_timeout(std::time::Duration::from_millis(1_300));
         daemons.signal(0, Signal::CONT);

@@ -1,0 +1,154 @@
+//! Statistics of hosts and cables that fail: each fault is repeated, and breaks no invariant, loses no message from the
+//! counts, and leaves nothing behind. Runs on demand: each takes about twenty seconds.
+//!
+//! `cargo test -p metamorph-tests --test ipc_hosts_faults -- --ignored --nocapture` goes on where it was stopped: each run
+//! appends a line to `target/tmp/hosts-faults.txt`. Delete the file to begin anew.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
+
+use metamorph_module_agent::journal_file::Reader;
+use metamorph_tests::chaos::{root_of, signal_to, wait_until};
+use metamorph_tests::command::{command, report, run, scenario};
+use metamorph_tests::daemons::{Daemons, left_by};
+use metamorph_world_controller::record::journal::{Event, parts_of};
+use rustix::process::Signal;
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+use std::process::{Child, Stdio};
+use std::time::Duration;
+
+/// Runs of each fault.
+const RUNS: usize = 50;
+/// Between `silent` (1 s) and `fence` (2 s) of the hosts file: nobody counts as dead.
+const SHORT: Duration = Duration::from_millis(1_300);
+/// Longer than the fence.
+const LONG: Duration = Duration::from_millis(3_500);
+
+/// A fault of h2, of the cable to it, or of the controller's host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Fault {
+    Killed,
+    Frozen(Duration),
+    Cut { to: bool, from: bool, lasts: Duration },
+    ControllerLost,
+}
+
+const FAULTS: [(&str, Fault); 10] = [
+    ("killed", Fault::Killed),
+    ("frozen-short", Fault::Frozen(SHORT)),
+    ("frozen-long", Fault::Frozen(LONG)),
+    ("cut-short", Fault::Cut { to: true, from: true, lasts: SHORT }),
+    ("cut-long", Fault::Cut { to: true, from: true, lasts: LONG }),
+    ("cut-to-short", Fault::Cut { to: true, from: false, lasts: SHORT }),
+    ("cut-to-long", Fault::Cut { to: true, from: false, lasts: LONG }),
+    ("cut-from-short", Fault::Cut { to: false, from: true, lasts: SHORT }),
+    ("cut-from-long", Fault::Cut { to: false, from: true, lasts: LONG }),
+    ("controller-lost", Fault::ControllerLost),
+];
+
+impl Fault {
+    fn strike(self, daemons: &Daemons, controller: &Child) {
+        match self {
+            Fault::Killed => daemons.signal(0, Signal::KILL),
+            Fault::Frozen(lasts) => {
+                daemons.signal(0, Signal::STOP);
+                std::thread::park_timeout(lasts);
+                daemons.signal(0, Signal::CONT);
+            }
+            Fault::Cut { to, from, lasts } => {
+                daemons.cable(0).hold(to, from);
+                std::thread::park_timeout(lasts);
+                daemons.cable(0).hold(false, false);
+            }
+            Fault::ControllerLost => signal_to(controller.id() as i32, Signal::KILL),
+        }
+    }
+
+    /// True if the agents of h2 outlive it.
+    fn spares_h2(self) -> bool {
+        matches!(self, Fault::Frozen(SHORT) | Fault::Cut { lasts: SHORT, .. })
+    }
+}
+
+/// Runs the scenario `swarm` with one fault, and returns what went wrong.
+fn strike(fault: Fault, seed: usize) -> Result<String, String> {
+    let daemons = Daemons::start();
+    let identities = [daemons.identity(0), daemons.identity(1)];
+    let (hosts, journal, out) =
+        (daemons.path("hosts.toml"), daemons.path("run.journal"), daemons.path("report.json"));
+    let (swarm, seed) = (scenario("swarm.toml").display().to_string(), seed.to_string());
+    let args = ["run", &swarm, "--hosts", &hosts, "--journal", &journal, "--json", &out, "--quiet"];
+    let args = [&args[..], &["--set", "stop.timeout=40s", "--seed", &seed]].concat();
+    let mut child = command(&args).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let controller = parts_of(Path::new(&journal)).join("controller");
+    wait_until("the run to begin", || {
+        let records = Reader::open(&controller).into_iter().flatten();
+        records.map_while(Result::ok).any(|record| matches!(record.event, Event::Act { .. }))
+    });
+    // At another point of each run.
+    std::thread::park_timeout(Duration::from_millis(seed.parse::<u64>().unwrap() * 37 % 1_900));
+    fault.strike(&daemons, &child);
+    let mut status = None;
+    wait_until("the run to end", || {
+        status = child.try_wait().unwrap();
+        status.is_some()
+    });
+    let mut said = "lost".to_owned();
+    if fault != Fault::ControllerLost {
+        let report = report(&fs::read_to_string(&out).map_err(|e| format!("no report: {e}"))?);
+        let lost = report.faults.iter().filter(|fault| fault.fault == "external").count();
+        said = format!("{} with {} of 42 alive", report.outcome, report.agents.alive);
+        if report.invariants.broken > 0 {
+            return Err(format!("{said}: {:?}", report.invariants));
+        }
+        if report.notes.iter().any(|note| note.contains("messages")) {
+            return Err(format!("{said}: {:?}", report.notes));
+        }
+        if (lost == 0) != fault.spares_h2() {
+            return Err(format!("{said}: {lost} modules were lost"));
+        }
+        let replayed = run(&["replay", &journal, "--quiet"]);
+        if replayed.code != Some(0) {
+            return Err(format!("{said}: the journal does not replay: {replayed:?}"));
+        }
+    }
+    // The daemons that live end their shares by themselves.
+    for i in (0..2).filter(|i| fault != Fault::Killed || *i == 1) {
+        wait_until("the shares to end", || root_of(daemons.pid(i)).is_none());
+    }
+    drop(daemons);
+    match identities.into_iter().flat_map(left_by).next() {
+        Some(file) => Err(format!("{said}: {} is left", file.display())),
+        None => Ok(said),
+    }
+}
+
+#[test]
+#[ignore = "statistics: hours of runs"]
+fn faults_of_hosts_and_cables_break_nothing() {
+    let directory = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let path = directory.join("hosts-faults.txt");
+    let mut bad = Vec::new();
+    for number in 0..RUNS {
+        for (name, fault) in FAULTS {
+            let done = fs::read_to_string(&path).unwrap_or_default();
+            let start = format!("{name} {number}: ");
+            let line = match done.lines().find(|line| line.starts_with(&start)) {
+                Some(line) => line.to_owned(),
+                None => {
+                    let line = match strike(fault, number + 1) {
+                        Ok(said) => format!("{start}ok, {said}"),
+                        Err(why) => format!("{start}BAD, {why}"),
+                    };
+                    let mut file = fs::File::options().create(true).append(true).open(&path).unwrap();
+                    writeln!(file, "{line}").unwrap();
+                    line
+                }
+            };
+            if line.contains(": BAD") {
+                bad.push(line);
+            }
+        }
+    }
+    assert!(bad.is_empty(), "{bad:#?}");
+}
