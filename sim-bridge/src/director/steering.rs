@@ -128,7 +128,7 @@ mod tests {
             ("goto", "[4, 5, 0] for 0s"),
             ("goto", "[4, 5, 0] for ever"),
             ("goto", "[4, 5, 0] for 18446744073709551615s"),
-            ("take", "32"),
+            ("take", "128"),
             ("take", ""),
             ("hold", "3"),
             ("release", "now"),
