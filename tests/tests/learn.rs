@@ -1,10 +1,11 @@
 //! `metamorph learn` as a user runs it: the same file each time, after an interruption too, and errors that help.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
-use metamorph_tests::command::run;
+use metamorph_tests::command::{command, root, run};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 /// A study that takes a second: gaits of 5 s with one friction.
 const SHORT: [&str; 6] = ["learn", "tripod4", "--trial", "5s", "--fitness", "thesis"];
@@ -51,6 +52,53 @@ fn a_study_is_the_same_whatever_the_threads_and_interruptions() {
     assert_eq!(joints, [3, 6, 9], "hips move into the limbs");
 }
 
+/// A learner that is killed in the middle of a trial goes on with that trial, and asks for what an undisturbed one asks for.
+#[test]
+fn a_killed_learner_goes_on_with_the_trial() {
+    let directory = tempfile::tempdir().unwrap();
+    let text = |name: &str| directory.path().join(name).display().to_string();
+    let args = ["--trials", "24", "--seeds", "3..4", "--jobs", "1", "--write"];
+    let killed = text("killed");
+    let mut child = command(&[&SHORT, &args[..], &[&killed]].concat()).spawn().unwrap();
+    let watchdog = Instant::now() + Duration::from_secs(120);
+    // The file is written after every round; then the next one is under way.
+    while fs::read_to_string(&killed).is_err() && child.try_wait().unwrap().is_none() {
+        assert!(Instant::now() < watchdog, "no round of trials ended");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let trials = |name: &str| read(Path::new(name))["runs"][0]["trials"].as_array().unwrap().len();
+    let done = trials(&killed);
+    assert!((1..24).contains(&done), "{done} trials were done when it was killed");
+    let resumed = learn(&[&args[..], &[&killed, "--resume"]].concat());
+    assert_eq!(resumed.code, Some(0), "{resumed:?}");
+    let whole = text("whole");
+    assert_eq!(learn(&[&args[..], &[&whole]].concat()).code, Some(0));
+    assert_eq!(read(Path::new(&killed)), read(Path::new(&whole)));
+}
+
+/// A gait is learnt for a direction, and for structures with a ring.
+#[test]
+fn directions_and_rings_are_learnt() {
+    let learnt = |args: &[&str]| -> Value {
+        let ran = run(&[args, &["--trials", "3", "--trial", "5s", "--json", "-"]].concat());
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+        serde_json::from_str(&ran.out).unwrap()
+    };
+    let thesis = ["learn", "tripod4", "--fitness", "thesis"];
+    let along = |heading: &str| {
+        let file = learnt(&[&thesis[..], &["--heading", heading]].concat());
+        file["runs"][0]["trials"][0]["fitness_mm_s"].as_f64().unwrap()
+    };
+    let (there, back) = (along("30deg"), along("-150deg"));
+    assert!(there != 0.0 && (there + back).abs() < 1e-6, "{there} {back}");
+    let ring = root().join("deploy/structures/struct10.json").display().to_string();
+    let file = learnt(&["learn", &ring, "--fitness", "thesis"]);
+    let trials = file["runs"][0]["trials"].as_array().unwrap();
+    assert!(trials.iter().all(|t| t["broken"] == json!(false)), "{trials:?}");
+}
+
 #[test]
 fn what_cannot_be_learnt_is_refused_with_a_fix() {
     let directory = tempfile::tempdir().unwrap();
@@ -68,6 +116,7 @@ fn what_cannot_be_learnt_is_refused_with_a_fix() {
         (vec!["learn", "quad5-sym", "--trial", "4s"], 2, vec!["--trial", "5s", "fix:"]),
         (vec!["learn", "quad5-sym", "--trial", "5"], 2, vec!["--trial", "unit", "fix:"]),
         (vec!["learn", "quad5-sym", "--trials", "0"], 2, vec!["--trials", "fix:"]),
+        (vec!["learn", "quad5-sym", "--heading", "45"], 2, vec!["--heading", "45deg", "fix:"]),
         (vec!["learn", "quad5-sym", "--seeds", "3..3"], 2, vec!["--seeds"]),
         (vec!["learn", "quad5-sym", "--down", "up"], 2, vec!["--down", "`up`", "fix:"]),
         (vec!["learn", "quad5-sym", "--from", &file], 2, vec!["--from", "fingerprint", "fix:"]),

@@ -121,6 +121,30 @@ fn a_quadruped_of_processes_walks_on() {
     assert_eq!(replayed.code, Some(0), "{replayed:?}");
 }
 
+/// Uphill, in a direction, while turning, and with elites after a failure: the report has what was done.
+#[test]
+fn a_walk_has_a_direction_and_a_slope() {
+    let set = |sets: &[&str]| {
+        let sets: Vec<&str> = sets.iter().flat_map(|set| ["--set", *set]).collect();
+        report(&simulated(&sets).out)
+    };
+    let part = |report: &Report, key: &str| report.family_parts["free_modules"][key].as_f64();
+    let level = set(&["goal.0.walk.speed_at_least=0mm/s"]);
+    let uphill = set(&["goal.0.walk.speed_at_least=0mm/s", "swarm.ground.slope=10deg"]);
+    assert_ne!(part(&level, "distance_mm"), part(&uphill, "distance_mm"));
+    let cost = part(&level, "cost_of_transport").unwrap();
+    println!("cost of transport {cost:.2}, turned by {:?} degrees", part(&level, "turned_deg"));
+    assert!((0.1..100.0).contains(&cost), "{cost}");
+    // The gait goes one way, so one of two opposite directions is not the one asked for, and another gait is tried.
+    let tried = |heading: &str| {
+        let heading = format!("goal.0.walk.heading={heading}");
+        let short = ["protocol.trials=2", "protocol.relearn=repertoire", "stop.timeout=60s"];
+        situations(&set(&[&short[..], &[&heading]].concat()))[0].1
+    };
+    let (east, west) = (tried("0deg"), tried("180deg"));
+    assert!(east.max(west) == 2, "{east} {west}");
+}
+
 /// When the body dies, hips move into the limbs, by the gait for this failure.
 #[test]
 fn limbs_walk_on_without_the_body() {
@@ -167,7 +191,7 @@ fn wrong_scenarios_are_refused_with_a_fix() {
         (text("start = \"quad6\"", "5mm/s", &usual), "`quad6` is not the name of a structure that walks"),
         (text("start = \"nowhere.json\"", "5mm/s", &usual), "cannot be read"),
         (text("start = \"quad5-unsym\"", "5mm/s", &usual), "fingerprint"),
-        (text("start = \"struct10\"", "5mm/s", "gaits = []"), "ring"),
+        (text("start = \"struct10\"", "5mm/s", &usual), "fingerprint"),
         (text(start, "5", &usual), "`5` is not a speed"),
         (text(start, "-5mm/s", &usual), "`-5mm/s` is not a speed"),
         (text(start, "5mm/s", ""), "no `gaits`"),
@@ -182,6 +206,10 @@ fn wrong_scenarios_are_refused_with_a_fix() {
         (text(start, "5mm/s", &format!("{usual}\nstrategy = \"planned\"")), "`planned` is for body lattice"),
         (text(&format!("{start}\ndown = \"up\""), "5mm/s", &usual), "`up` is not a direction"),
         (text(&format!("{start}\nfriction = -1"), "5mm/s", &usual), "friction is -1"),
+        (text(&format!("{start}\nground = {{ slope = \"60deg\" }}"), "5mm/s", &usual), "slope is `60deg`"),
+        (text(start, "5mm/s\", heading = \"north", &usual), "heading is `north`"),
+        (text(start, "5mm/s\", turn = \"5deg", &usual), "turn is `5deg`"),
+        (text(start, "0mm/s\", turn = \"5deg/s", &usual), "needs a turn other than 0"),
     ] {
         refused(&text, &["check", "{}"], &[reason]);
     }

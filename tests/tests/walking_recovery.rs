@@ -1,105 +1,192 @@
 //! How many structures walk on after a failure, over many seeds: how fast, after how many gaits.
+//!
+//! A long test is resumed by the seeds that are still to come: each prints a line as soon as it is done.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 #![allow(clippy::print_stdout, reason = "shown only on failure or with --nocapture")]
 
-use metamorph_tests::command::{report, run, scenario};
-use serde_json::Value;
+use metamorph_protocol::free_module::gait::Setup;
+use metamorph_protocol::free_module::named;
+use metamorph_protocol::free_module::network::NetworkKind;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::time::{Span, Time};
+use metamorph_sim_bridge::director::faults::{Fault, Schedule};
+use metamorph_sim_bridge::director::progress::Stop;
+use metamorph_sim_bridge::free_module::physics::{Down, FRICTION};
+use metamorph_sim_bridge::free_module::physics_world::PhysicsWorld;
+use metamorph_sim_bridge::free_module::rapier::Bodies;
+use metamorph_sim_bridge::free_module::walking::director::{Course, ENOUGH, Situation, WalkDirector};
+use metamorph_sim_bridge::free_module::walking::goal::Goal;
+use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig};
+use metamorph_tests::command::root;
+use metamorph_world_controller::gait::ask_tell::Method;
+use metamorph_world_controller::gait::document::{GaitFile, read};
+use metamorph_world_controller::gait::elites;
+use metamorph_world_controller::gait::space::Space;
+use metamorph_world_controller::gait::tuner::{Choice, Known, OnlineTuner};
+use std::collections::BTreeSet;
+use std::fs;
+use std::ops::Range;
+use std::sync::Arc;
 
-/// The number of seeds of the long tests, unless `METAMORPH_SEEDS` names another.
-const SEEDS: u64 = 100;
+/// When the module dies.
+const DEATH: Span = Span::secs(30);
+/// The time of a gait: a period to go over to it, and two that count.
+const TRIAL: Span = Span::secs(15);
+/// The seeds of the long tests, unless `METAMORPH_SEEDS` names others, such as 20..40.
+const SEEDS: Range<u64> = 0..100;
 
-fn seeds() -> u64 {
-    std::env::var("METAMORPH_SEEDS").ok().and_then(|text| text.parse().ok()).unwrap_or(SEEDS)
+fn seeds() -> Range<u64> {
+    let Ok(text) = std::env::var("METAMORPH_SEEDS") else { return SEEDS };
+    let (from, until) = text.split_once("..").expect("METAMORPH_SEEDS is a range such as 20..40");
+    from.parse().unwrap()..until.parse().unwrap()
 }
 
-/// How a structure walked on.
-#[derive(Debug)]
-struct Recovery {
-    /// The speed before in mm/s.
-    before: f64,
-    /// The speed of the gait walked before.
-    first: f64,
-    /// The speed of the best gait.
-    best: f64,
-    /// Gaits tried.
-    tried: u64,
+/// The quadruped of the scenario with its gait, and nothing known about failures but the elites of that gait's study.
+fn choice(network: NetworkKind, method: Method, trials: u32, seed: u64) -> Arc<Choice> {
+    let structure = named::structure("quad5-sym").unwrap();
+    let text = fs::read_to_string(root().join("deploy/gaits/quad5.json")).unwrap();
+    let file: GaitFile = serde_json::from_str(&text).unwrap();
+    let best = file.best.as_ref().unwrap();
+    let gait = read(&best.joints, 3 * structure.bound()).unwrap();
+    let known = vec![Known { dead: BTreeSet::new(), gait, speed_mm_s: best.fitness_mm_s }];
+    let elites = elites::of_file(&file, &Space::of(&structure, network).unwrap());
+    Arc::new(Choice { structure, network, known, elites, method: Some(method), trials, seed })
 }
 
-impl Recovery {
+/// Kills a module of the walking quadruped, and returns what was done before and after, until a gait has a share of the
+/// speed before or none is left to try.
+fn recover(dead: u32, choice: Arc<Choice>, enough: f64) -> [Situation; 2] {
+    let (structure, seed, trials) = (choice.structure.clone(), choice.seed, choice.trials);
+    let bodies = Bodies::new(&structure, &[[0.0; 3]; 5], Down::DEFAULT, FRICTION).unwrap();
+    let timeout = Time::ZERO + DEATH + Span::secs(20) + (TRIAL + Span::secs(1)) * u64::from(trials);
+    let stop = Stop {
+        timeout,
+        stall: timeout.since(Time::ZERO),
+        livelock: timeout.since(Time::ZERO),
+        planned_until: Time::ZERO,
+    };
+    let course = Course {
+        // Not to be reached.
+        goal: Goal::anywhere(Span::secs(1), 1e6),
+        tuner: Box::new(OnlineTuner::new(Arc::clone(&choice))),
+        trial: TRIAL,
+        schedule: Schedule::new(vec![(Time::ZERO + DEATH, Fault::Kill(ModuleId(dead)))]),
+        stop,
+    };
+    let config = SimConfig {
+        setup: Arc::new(Setup::new(choice.network)),
+        link: LinkModel::default(),
+        seed,
+        audit_every: Span::secs(1),
+        ignore_sessions: false,
+    };
+    let director = WalkDirector::new(structure.bound(), course);
+    let mut run = Sim::new(config, PhysicsWorld::new(structure, bodies), director);
+    let mut now = Time::ZERO;
+    while now < timeout {
+        now += Span::secs(1);
+        run.run_until(now);
+        let all = run.director().situations();
+        let Some(after) = all.iter().find(|s| !s.dead.is_empty()) else { continue };
+        if after.kept.is_some() || after.best_mm_s >= all[0].first_mm_s.map(|speed| enough * speed) {
+            break;
+        }
+    }
+    assert!(!run.world().is_broken(), "seed {seed}: bodies went astray");
+    let all = run.director().situations();
+    let after = all.iter().find(|s| !s.dead.is_empty()).unwrap();
+    assert_eq!(after.dead, [ModuleId(dead)]);
+    [all[0].clone(), after.clone()]
+}
+
+/// The interval in which a share lies with 95 % probability (Wilson).
+fn interval(good: usize, all: usize) -> [f64; 2] {
+    let (z, n) = (1.96_f64, all as f64);
+    let p = good as f64 / n;
+    let (middle, scale) = (p + z * z / (2.0 * n), 1.0 + z * z / n);
+    let half = z * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
+    [(middle - half) / scale, (middle + half) / scale]
+}
+
+/// What many runs came to.
+#[derive(Default)]
+struct Tally {
+    good: usize,
+    all: usize,
+}
+
+impl Tally {
+    fn text(&self) -> String {
+        let [low, high] = interval(self.good, self.all).map(|p| 100.0 * p);
+        let share = 100.0 * self.good as f64 / self.all as f64;
+        format!("{} of {} ({share:.0} %, 95 % interval {low:.0} to {high:.0} %)", self.good, self.all)
+    }
     fn share(&self) -> f64 {
-        self.best / self.before
+        self.good as f64 / self.all as f64
     }
-}
 
-/// Kills a module after 30 s, and lets the others try gaits: known ones only of the whole structure.
-fn recover(dead: u64, trials: u64, learner: &str, seed: u64) -> Recovery {
-    let path = scenario("quadruped.toml").display().to_string();
-    let (seed, kill) = (seed.to_string(), format!("{dead}@30s"));
-    // No speed is enough for the goal, so that all gaits are tried.
-    let timeout = format!("stop.timeout={}s", 45 + 16 * trials);
-    let (trials, learner) = (format!("protocol.trials={trials}"), format!("protocol.relearn={learner}"));
-    let mut args =
-        vec!["run", path.as_str(), "--link", "sim", "--seed", &seed, "--kill", &kill, "--json", "-"];
-    let gaits = "protocol.gaits=[\"../gaits/quad5.json\"]";
-    for set in [gaits, "goal.0.walk.speed_at_least=1000mm/s", &trials, &learner, &timeout] {
-        args.extend(["--set", set]);
+    /// Recovers with many seeds, and counts those that reached a share of the speed.
+    fn recover(&mut self, dead: u32, trials: u32, of: (NetworkKind, Method), seeds: Range<u64>, enough: f64) {
+        let (network, method) = of;
+        for seed in seeds {
+            let [before, after] = recover(dead, choice(network, method, trials, seed), enough);
+            let speed = |speed: Option<f64>| speed.unwrap_or(0.0);
+            let (whole, first, best) =
+                (speed(before.first_mm_s), speed(after.first_mm_s), speed(after.best_mm_s));
+            let share = best / whole;
+            self.all += 1;
+            self.good += usize::from(share >= enough);
+            println!(
+                "module {dead} dead, {method}, seed {seed}: {whole:.1} mm/s before, {first:.1} with the former gait, \
+                 {best:.1} ({:.0} %) with the best of {} gaits",
+                100.0 * share,
+                after.tried
+            );
+        }
     }
-    let ran = run(&args);
-    let report = report(&ran.out);
-    assert_eq!(report.invariants.broken, 0, "seed {seed}: {:?}", report.invariants);
-    let all = report.family_parts["free_modules"]["situations"].as_array().unwrap().clone();
-    let of = |situation: &Value, key: &str| situation[key].as_f64().unwrap_or(0.0);
-    // After the death there may be more than one: a gait that was kept may become slow.
-    let after: Vec<&Value> = all.iter().filter(|s| !s["dead"].as_array().unwrap().is_empty()).collect();
-    Recovery {
-        before: of(&all[0], "first_mm_s"),
-        first: of(after[0], "first_mm_s"),
-        best: of(after[0], "best_mm_s"),
-        tried: after[0]["tried"].as_u64().unwrap(),
-    }
-}
-
-/// Recovers with many seeds, prints what came of it, and returns the share of runs that reached a share of the speed.
-fn recovered(dead: u64, trials: u64, learner: &str, seeds: std::ops::Range<u64>, enough: f64) -> f64 {
-    let runs: Vec<Recovery> = seeds.clone().map(|seed| recover(dead, trials, learner, seed)).collect();
-    let good = runs.iter().filter(|r| r.share() >= enough).count();
-    let mean = |of: fn(&Recovery) -> f64| runs.iter().map(of).sum::<f64>() / runs.len() as f64;
-    println!(
-        "module {dead} dead, {learner}, seeds {seeds:?}: {good} of {} reach {:.0} % within {trials} gaits; on average \
-         {:.1} mm/s before, {:.1} with the former gait, {:.1} with the best of {:.1}",
-        runs.len(),
-        100.0 * enough,
-        mean(|r| r.before),
-        mean(|r| r.first),
-        mean(|r| r.best),
-        mean(|r| r.tried as f64),
-    );
-    good as f64 / runs.len() as f64
 }
 
 /// A leg and the body die; one seed each.
 #[test]
 fn a_leg_and_the_body_are_done_without() {
-    assert!(recovered(2, 20, "cma", 1..2, 0.8) == 1.0);
-    assert!(recovered(0, 20, "cma", 1..2, 0.1) == 1.0);
+    for (dead, method, enough) in [(2, Method::Cma, ENOUGH), (0, Method::Bayes, 0.1)] {
+        let mut tally = Tally::default();
+        tally.recover(dead, 40, (NetworkKind::BlfSym, method), 1..2, enough);
+        assert_eq!(tally.good, 1, "module {dead}");
+    }
 }
 
-/// `METAMORPH_SEEDS=100 cargo test --release -p metamorph-tests --test walking_recovery -- --ignored --nocapture legs`
+#[test]
+fn intervals_are_those_of_a_table() {
+    let [low, high] = interval(8, 10);
+    assert!((low - 0.490).abs() < 1e-3 && (high - 0.943).abs() < 1e-3, "{low} {high}");
+}
+
+/// `METAMORPH_SEEDS=0..100 cargo test --release -p metamorph-tests --test walking_recovery -- --ignored --nocapture legs`
 #[test]
 #[ignore = "an hour: four hundred runs, and as many of random search"]
 fn legs_are_done_without() {
-    let share = |learner| (1..5).map(|leg| recovered(leg, 20, learner, 0..seeds(), 0.8)).sum::<f64>() / 4.0;
-    let (learnt, random) = (share("cma"), share("random"));
-    println!("{:.1} % recover; with random search {:.1} %", 100.0 * learnt, 100.0 * random);
-    assert!(learnt >= 0.95, "{learnt}");
+    let of = |method| {
+        let mut tally = Tally::default();
+        (1..5).for_each(|leg| tally.recover(leg, 20, (NetworkKind::BlfSym, method), seeds(), ENOUGH));
+        println!("{method}: {} reach 80 % within 20 gaits", tally.text());
+        tally
+    };
+    let all = [Method::Cma, Method::Repertoire, Method::Random].map(of);
+    assert!(all[0].share() >= 0.95);
 }
 
-/// `METAMORPH_SEEDS=100 cargo test --release -p metamorph-tests --test walking_recovery -- --ignored --nocapture the_body`
+/// `METAMORPH_SEEDS=0..100 cargo test --release -p metamorph-tests --test walking_recovery -- --ignored --nocapture the_body`
 #[test]
-#[ignore = "an hour: a hundred runs, and as many of random search"]
+#[ignore = "an hour: a hundred runs of each learner"]
 fn the_body_is_done_without() {
-    let share = |learner| recovered(0, 40, learner, 0..seeds(), 0.3);
-    let (learnt, random) = (share("cma"), share("random"));
-    println!("{:.1} % recover; with random search {:.1} %", 100.0 * learnt, 100.0 * random);
-    assert!(learnt >= 0.8, "{learnt}");
+    let of = |method| {
+        let mut tally = Tally::default();
+        tally.recover(0, 40, (NetworkKind::BlfSym, method), seeds(), 0.3);
+        println!("{method}: {} reach 30 % within 40 gaits", tally.text());
+        tally
+    };
+    let all = [Method::Bayes, Method::Cma, Method::Random].map(of);
+    assert!(all[0].share() >= 0.8);
 }

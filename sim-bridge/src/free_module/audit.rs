@@ -87,6 +87,12 @@ mod tests {
         fn kinetic_energy(&self) -> f32 {
             self.energy
         }
+        fn weight(&self) -> f32 {
+            1.0
+        }
+        fn work(&self) -> Option<f64> {
+            None
+        }
         fn touches_floor(&self, _: ModuleId) -> bool {
             true
         }

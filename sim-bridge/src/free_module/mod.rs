@@ -20,3 +20,4 @@ pub mod trial;
 #[cfg(test)]
 mod trial_tests;
 pub mod walking;
+pub mod work;

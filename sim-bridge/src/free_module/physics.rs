@@ -55,6 +55,10 @@ pub trait Physics {
     fn centre_of_mass(&self) -> [f32; 3];
     /// Returns the kinetic energy of all bodies in joules.
     fn kinetic_energy(&self) -> f32;
+    /// Returns the weight of all modules in newtons.
+    fn weight(&self) -> f32;
+    /// Returns the work of all motors since the start in joules; `None` if it is not known.
+    fn work(&self) -> Option<f64>;
     /// Returns true if a module touches the floor.
     fn touches_floor(&self, module: ModuleId) -> bool;
     /// Returns the depth in metres of the deepest overlap of two modules; 0 if there is none.
@@ -109,9 +113,6 @@ pub enum PhysicsError {
     /// The structure has no place in space.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
-    /// The joint closes a ring.
-    #[error("joint {0} closes a ring of modules, and rings of bodies are not simulated")]
-    Ring(Joint),
     /// The friction is negative or not a number.
     #[error("friction {0} is not a number of at least 0")]
     Friction(f32),

@@ -35,6 +35,8 @@ pub struct PhysicsWorld<P> {
     tick: Time,
     /// The command in force of each module.
     commands: Vec<Option<Follow>>,
+    /// The angles of all joints at the start, from which commands count: in a ring no joint can be at 0.
+    posture: Vec<f32>,
     /// The angles of all joints at the last tick.
     angles: Vec<f32>,
     /// Modules whose joints stick.
@@ -56,13 +58,14 @@ impl<P: Physics> PhysicsWorld<P> {
     /// Creates a world of bodies of this structure.
     pub fn new(structure: Structure, physics: P) -> PhysicsWorld<P> {
         let bound = structure.bound();
-        let angles = (0..JOINTS * bound as u16).map(|j| physics.angle(Joint(j))).collect();
+        let angles: Vec<f32> = (0..JOINTS * bound as u16).map(|j| physics.angle(Joint(j))).collect();
         let falls = Falls::new(&structure, |module, h| falls::up(&physics.pose(module, h)));
         PhysicsWorld {
             connections: StructureWorld::new(structure),
             physics,
             tick: Time::ZERO + TICK,
             commands: vec![None; bound],
+            posture: angles.clone(),
             angles,
             stuck: vec![false; bound],
             collided: None,
@@ -143,8 +146,11 @@ impl<P: Physics> PhysicsWorld<P> {
             let holds = follow.not_after >= self.tick;
             for j in 0..JOINTS {
                 let joint = Joint::new(ModuleId(m as u32), j);
-                let target =
-                    if holds { radians(follow.angles[usize::from(j)]) } else { self.physics.angle(joint) };
+                let target = if holds {
+                    self.posture[joint.index()] + radians(follow.angles[usize::from(j)])
+                } else {
+                    self.physics.angle(joint)
+                };
                 self.physics.set_target(joint, target);
             }
             if !holds {

@@ -1,10 +1,13 @@
 //! Bodies in the engine rapier3d: joints in reduced coordinates (multibody), 32-bit floats, one thread.
 //!
+//! Where modules form a ring, one joint of it closes the ring by a constraint instead.
+//!
 //! The engine is built with `enhanced-determinism`, so that the same calls give the same bits on every machine.
 
 use super::floor::FloorContacts;
 use super::hull;
 use super::physics::{Down, HEMISPHERES, NO_LOAD, Physics, PhysicsError, Placed, SERVO_GAIN, TICK, TORQUE};
+use super::work::Work;
 use metamorph_protocol::free_module::geometry::place;
 use metamorph_protocol::free_module::structure::{JOINTS, Joint, Structure};
 use metamorph_protocol::ids::ModuleId;
@@ -12,8 +15,9 @@ use metamorph_protocol::roombots::chain::{self, Chain};
 use metamorph_protocol::roombots::{CELL_METRES, HEMISPHERE_MASS, Kind};
 use rapier3d::parry::query::{DefaultQueryDispatcher, QueryDispatcher};
 use rapier3d::prelude::{
-    ColliderBuilder, ColliderHandle, JointAxis, MultibodyJointHandle, PhysicsWorld, Pose,
-    RevoluteJointBuilder, RigidBodyBuilder, RigidBodyHandle, Rotation, SharedShape, Vector,
+    ColliderBuilder, ColliderHandle, GenericJoint, ImpulseJointHandle, JointAxis, MultibodyJointHandle,
+    PhysicsWorld, Pose, RevoluteJointBuilder, RigidBodyBuilder, RigidBodyHandle, Rotation, SharedShape,
+    Vector,
 };
 use std::collections::BTreeMap;
 use std::hash::Hasher;
@@ -30,6 +34,9 @@ const MOTOR_DAMPING: f32 = 1e5;
 /// The length in metres that the engine's tolerances are made for.
 const LENGTH_UNIT: f32 = 0.1;
 
+/// The acceleration of gravity in m/s².
+const GRAVITY: f32 = 9.81;
+
 /// A hemisphere in a rigid body.
 #[derive(Clone, Copy)]
 struct Half {
@@ -38,10 +45,19 @@ struct Half {
     at: Pose,
 }
 
-/// A joint of the multibody.
+/// How the engine has a joint.
+#[derive(Clone, Copy)]
+enum Hinge {
+    /// In the tree of the multibody.
+    Tree(MultibodyJointHandle),
+    /// Between two bodies of the tree. The angle at the last tick since the start: it counts turns.
+    Closing(ImpulseJointHandle, f32),
+}
+
+/// A joint with its motor.
 #[derive(Clone, Copy)]
 struct Motor {
-    handle: MultibodyJointHandle,
+    hinge: Hinge,
     /// The angle at the start, where the engine counts from.
     start: f32,
     /// The angle to move to.
@@ -49,13 +65,15 @@ struct Motor {
     kind: usize,
 }
 
-/// The bodies of a structure without rings.
+/// The bodies of a structure.
 pub struct Bodies {
     world: PhysicsWorld,
     /// By `4 * module + hemisphere`.
     halves: Vec<Half>,
     motors: BTreeMap<Joint, Motor>,
     floor: ColliderHandle,
+    /// The work of motors; `None` if there are rings, in which forces have more than one way.
+    work: Option<Work>,
 }
 
 /// Where hemispheres and joints are at the start, in metres on the floor.
@@ -69,7 +87,7 @@ impl Bodies {
     /// Places a structure with these joint angles in degrees on the floor, at rest.
     ///
     /// # Errors
-    /// Refuses a structure that has no place in space, or has rings, and friction that is none.
+    /// Refuses a structure that has no place in space, as a ring that does not close, and friction that is none.
     pub fn new(
         structure: &Structure,
         joints_deg: &[[f64; 3]],
@@ -80,7 +98,7 @@ impl Bodies {
             return Err(PhysicsError::Friction(friction));
         }
         let start = Start::of(structure, joints_deg, down)?;
-        let mut world = PhysicsWorld { gravity: Vector::new(0.0, 0.0, -9.81), ..PhysicsWorld::default() };
+        let mut world = PhysicsWorld { gravity: Vector::new(0.0, 0.0, -GRAVITY), ..PhysicsWorld::default() };
         let parameters = &mut world.integration_parameters;
         parameters.dt = TICK.as_secs_f64() as f32;
         parameters.num_solver_iterations = SUBSTEPS;
@@ -93,9 +111,14 @@ impl Bodies {
         let ground = ColliderBuilder::new(SharedShape::halfspace(Vector::Z));
         let floor = world.insert_collider(ground.friction(friction), None);
         let halves = insert_halves(&mut world, structure, &start, friction);
-        let mut bodies = Bodies { world, halves, motors: BTreeMap::new(), floor };
-        bodies.insert_joints(structure, joints_deg, &start)?;
+        let mut bodies = Bodies { world, halves, motors: BTreeMap::new(), floor, work: None };
+        bodies.insert_joints(structure, joints_deg, &start);
         Ok(bodies)
+    }
+
+    /// Lets the floor rise towards +x by an angle in radians. Coordinates stay those of the floor, so gravity turns.
+    pub fn tilt(&mut self, slope: f32) {
+        self.world.gravity = Vector::new(-libm::sinf(slope), 0.0, -libm::cosf(slope)) * GRAVITY;
     }
 
     /// Lifts everything by a height in metres.
@@ -105,6 +128,12 @@ impl Bodies {
             let up = body.translation() + Vector::new(0.0, 0.0, height);
             body.set_translation(up, true);
         }
+    }
+
+    /// Takes the weight from everything.
+    #[cfg(test)]
+    pub(super) fn weightless(&mut self) {
+        self.world.gravity = Vector::ZERO;
     }
 
     /// Returns all contacts with the floor: the hemisphere, the normal of the floor, and the height of the point in metres.
@@ -133,17 +162,13 @@ impl Bodies {
         heights.fold(f32::MAX, f32::min)
     }
 
-    /// Joins the bodies from the first module on.
-    fn insert_joints(
-        &mut self,
-        structure: &Structure,
-        joints_deg: &[[f64; 3]],
-        start: &Start,
-    ) -> Result<(), PhysicsError> {
+    /// Joins the bodies from the first module on. The last joint of a ring that is reached closes it.
+    fn insert_joints(&mut self, structure: &Structure, joints_deg: &[[f64; 3]], start: &Start) {
         let mut open: Vec<Joint> =
             structure.modules().flat_map(|m| (0..JOINTS).map(move |j| Joint::new(m, j))).collect();
         let first = structure.modules().next().map_or(0, ModuleId::index);
         let mut reached = vec![self.halves[HEMISPHERES * first].body];
+        let mut work = Some(Work::new(reached[0]));
         let halves = self.halves.clone();
         let ends = |joint: &Joint| {
             let lower = HEMISPHERES * joint.module().index() + usize::from(joint.within());
@@ -158,46 +183,73 @@ impl Bodies {
             for joint in here {
                 let [lower, upper] = ends(&joint);
                 let (child, sign) = if lower == parent { (upper, 1.0) } else { (lower, -1.0) };
-                if reached.contains(&child) {
-                    return Err(PhysicsError::Ring(joint));
-                }
                 let (point, axis) = start.axes[joint.index()];
                 let angle =
                     joints_deg[joint.module().index()][usize::from(joint.within())].to_radians() as f32;
-                let motor = self.insert_joint(joint, [parent, child], point, axis * sign, angle);
-                self.motors.insert(joint, motor);
-                reached.push(child);
+                let kind = usize::from(joint.within());
+                let data = self.hinge([parent, child], kind, point, axis * sign);
+                let hinge = if reached.contains(&child) {
+                    work = None;
+                    Hinge::Closing(self.world.insert_impulse_joint(parent, child, data), 0.0)
+                } else {
+                    if let Some(work) = &mut work {
+                        let frame = data.local_frame1;
+                        work.join(parent, child, frame.translation, frame.rotation * Vector::X);
+                    }
+                    reached.push(child);
+                    let handle = self.world.insert_multibody_joint(parent, child, data);
+                    // Invariant: the child was not reached before, so it is a body of its own.
+                    Hinge::Tree(handle.expect("a body joins a tree once"))
+                };
+                self.motors.insert(joint, Motor { hinge, start: angle, target: angle, kind });
             }
         }
-        Ok(())
+        self.work = work;
     }
 
-    fn insert_joint(
-        &mut self,
-        joint: Joint,
+    /// Returns a joint about an axis through a point.
+    fn hinge(
+        &self,
         [parent, child]: [RigidBodyHandle; 2],
+        kind: usize,
         point: Vector,
         axis: Vector,
-        start: f32,
-    ) -> Motor {
-        let kind = usize::from(joint.within());
+    ) -> GenericJoint {
         let frame = Pose::from_parts(point, Rotation::from_rotation_arc(Vector::X, axis));
         let local = |body: RigidBodyHandle| self.world.bodies[body].position().inv_mul(&frame);
         let mut data = RevoluteJointBuilder::new(Vector::X).contacts_enabled(false).build().data;
         data.set_local_frame1(local(parent)).set_local_frame2(local(child));
         data.set_motor_max_force(JointAxis::AngX, TORQUE[kind]);
-        let handle = self.world.insert_multibody_joint(parent, child, data);
-        // Invariant: the child was not reached before, so it is a body of its own.
-        let handle = handle.expect("a body joins a tree once");
-        Motor { handle, start, target: start, kind }
+        data
     }
 
     /// Returns the angle of a motor since the start.
     fn turned(&self, motor: &Motor) -> f32 {
-        let link =
-            self.world.multibody_joints.get(motor.handle).and_then(|(multibody, id)| multibody.link(id));
-        // Invariant: joints are never removed. A revolute joint turns about the first of three axes.
-        link.map_or(0.0, |link| link.joint().coords()[3])
+        match motor.hinge {
+            // Invariant: joints are never removed. A revolute joint turns about the first of three axes.
+            Hinge::Tree(handle) => {
+                let link =
+                    self.world.multibody_joints.get(handle).and_then(|(multibody, id)| multibody.link(id));
+                link.map_or(0.0, |link| link.joint().coords()[3])
+            }
+            Hinge::Closing(_, turned) => turned,
+        }
+    }
+
+    /// Measures the angles of joints that close rings.
+    fn measure(&mut self) {
+        for motor in self.motors.values_mut() {
+            let Hinge::Closing(handle, turned) = &mut motor.hinge else { continue };
+            let Some(joint) = self.world.impulse_joints.get(*handle) else { continue };
+            let frame = |body: RigidBodyHandle, local: Pose| *self.world.bodies[body].position() * local;
+            let [first, second] = [
+                frame(joint.body1(), joint.data.local_frame1),
+                frame(joint.body2(), joint.data.local_frame2),
+            ];
+            let between = first.rotation.inverse() * second.rotation;
+            let angle = 2.0 * libm::atan2f(between.x, between.w);
+            *turned += libm::remainderf(angle - *turned, std::f32::consts::TAU);
+        }
     }
 
     /// Commands all motors for a tick: a speed of [`SERVO_GAIN`] times the error, which the engine computes at the end of
@@ -207,12 +259,37 @@ impl Bodies {
             let turned = self.turned(motor);
             let most = NO_LOAD[motor.kind] / SERVO_GAIN;
             let target = turned + (motor.target - motor.start - turned).clamp(-most, most);
-            let Some((multibody, link)) = self.world.multibody_joints.get_mut(motor.handle) else { continue };
-            if let Some(link) = multibody.link_mut(link) {
-                let data = &mut link.joint.data;
+            let data = match motor.hinge {
+                Hinge::Tree(handle) => {
+                    let found = self.world.multibody_joints.get_mut(handle);
+                    found.and_then(|(multibody, link)| Some(&mut multibody.link_mut(link)?.joint.data))
+                }
+                Hinge::Closing(handle, _) => {
+                    self.world.impulse_joints.get_mut(handle, true).map(|joint| &mut joint.data)
+                }
+            };
+            if let Some(data) = data {
                 data.set_motor_position(JointAxis::AngX, target, SERVO_GAIN * MOTOR_DAMPING, MOTOR_DAMPING);
             }
         }
+    }
+
+    /// Returns the work of motors.
+    #[cfg(test)]
+    pub(super) fn motors(&self) -> &Work {
+        self.work.as_ref().expect("no rings")
+    }
+    /// Returns how far the two sides of joints that close rings are apart, in metres.
+    #[cfg(test)]
+    pub(super) fn gap(&self) -> f32 {
+        let gaps = self.world.impulse_joints().map(|(_, joint)| {
+            let end = |body: RigidBodyHandle, local: Pose| {
+                (*self.world.bodies[body].position() * local).translation
+            };
+            (end(joint.body1(), joint.data.local_frame1) - end(joint.body2(), joint.data.local_frame2))
+                .length()
+        });
+        gaps.fold(0.0, f32::max)
     }
 
     /// Returns the module whose hemisphere has a collider.
@@ -320,7 +397,14 @@ fn insert_halves(world: &mut PhysicsWorld, structure: &Structure, start: &Start,
 impl Physics for Bodies {
     fn step(&mut self) {
         self.command();
+        if let Some(work) = &mut self.work {
+            work.before(&self.world);
+        }
         self.world.step();
+        if let Some(work) = &mut self.work {
+            work.after(&self.world);
+        }
+        self.measure();
     }
     fn set_target(&mut self, joint: Joint, angle: f32) {
         if let Some(motor) = self.motors.get_mut(&joint) {
@@ -345,6 +429,12 @@ impl Physics for Bodies {
     }
     fn kinetic_energy(&self) -> f32 {
         self.world.rigid_bodies().map(|(_, body)| body.kinetic_energy()).sum()
+    }
+    fn weight(&self) -> f32 {
+        GRAVITY * self.world.rigid_bodies().map(|(_, body)| body.mass()).sum::<f32>()
+    }
+    fn work(&self) -> Option<f64> {
+        self.work.as_ref().map(Work::joules)
     }
     fn touches_floor(&self, module: ModuleId) -> bool {
         let mut pairs = self.world.contact_pairs_with(self.floor).filter(|p| p.has_any_active_contact());

@@ -4,6 +4,7 @@ use super::director::GaitDirector;
 use super::physics::{Down, Physics, PhysicsError};
 use super::physics_world::PhysicsWorld;
 use super::rapier::Bodies;
+use super::walking::goal::along;
 use crate::kernel::sim::{Sim, SimConfig};
 use metamorph_protocol::free_module::gait::Setup;
 use metamorph_protocol::free_module::gait::message::Parameters;
@@ -39,6 +40,10 @@ pub struct Course {
     pub dead: Vec<ModuleId>,
     /// The time of the gait.
     pub time: Span,
+    /// The direction in which the distance counts, in degrees from +x towards +y; `None` for any.
+    pub heading_deg: Option<f64>,
+    /// True if a fall ends a trial, as a self-collision does.
+    pub upright: bool,
     /// The seed of the run.
     pub seed: u64,
 }
@@ -46,9 +51,9 @@ pub struct Course {
 /// What came of a trial.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
-    /// The displacement of the centre of mass in the plane, in mm.
+    /// The displacement of the centre of mass in the plane, or in the direction that counts, in mm.
     pub distance_mm: f64,
-    /// The time walked in seconds: less than that of the course after a self-collision.
+    /// The time walked in seconds: less than that of the course if the trial ended early.
     pub seconds: f64,
     /// True if two modules met; the trial ends there.
     pub collided: bool,
@@ -56,6 +61,8 @@ pub struct Outcome {
     pub broken: bool,
     /// How often the body turned upside down.
     pub falls: u32,
+    /// True if the trial ended with a fall.
+    pub fallen: bool,
     /// The share of time that each module has touched the floor.
     pub duty: Vec<f64>,
     /// The hash of the bodies and agents at the end.
@@ -101,14 +108,19 @@ impl Course {
         run.run_until(start);
         let from = run.world().physics().centre_of_mass();
         let mut now = start;
-        while now < end && run.world().collided().is_none() && !run.world().is_broken() {
+        let fallen = |run: &Run| self.upright && run.world().falls() > 0;
+        while now < end && run.world().collided().is_none() && !run.world().is_broken() && !fallen(&run) {
             now = (now + LOOK).min(end);
             run.run_until(now);
         }
-        let world = run.world();
+        let (world, fallen) = (run.world(), fallen(&run));
         let to = world.physics().centre_of_mass();
         let metres = [0, 1].map(|i| f64::from(to[i]) - f64::from(from[i]));
-        let distance_mm = 1000.0 * (metres[0] * metres[0] + metres[1] * metres[1]).sqrt();
+        let distance_mm = 1000.0
+            * match self.heading_deg {
+                Some(heading) => along(metres, heading),
+                None => (metres[0] * metres[0] + metres[1] * metres[1]).sqrt(),
+            };
         let broken = world.is_broken();
         Ok(Outcome {
             distance_mm: if broken { 0.0 } else { distance_mm },
@@ -116,6 +128,7 @@ impl Course {
             collided: world.collided().is_some(),
             broken,
             falls: world.falls(),
+            fallen,
             duty: world.duty(),
             state: run.hashes().states,
         })

@@ -19,6 +19,8 @@ fn course(seconds: u64) -> Course {
         network: NetworkKind::BlfSym,
         dead: Vec::new(),
         time: Span::secs(seconds),
+        heading_deg: None,
+        upright: false,
         seed: 1,
     }
 }
@@ -113,4 +115,33 @@ fn a_self_collision_ends_a_trial() {
     let gait = gait(&course, 3000);
     let outcome = course.trial(gait, FRICTION).unwrap();
     assert!(outcome.collided && outcome.seconds < 20.0, "{outcome:?}");
+}
+
+/// The distance in a direction is that part of the displacement, and backwards it is negative.
+#[test]
+fn a_heading_counts_its_part_of_the_distance() {
+    let mut course = course(5);
+    let gait = gait(&course, 500);
+    let mut distance = |heading_deg| {
+        course.heading_deg = heading_deg;
+        course.trial(gait.clone(), FRICTION).unwrap().distance_mm
+    };
+    let (any, east, north, west) =
+        (distance(None), distance(Some(0.0)), distance(Some(90.0)), distance(Some(180.0)));
+    assert!((east + west).abs() < 1e-6 && any > 1.0, "{east} {west}");
+    assert!((east * east + north * north - any * any).abs() < 1e-3, "{east} {north} {any}");
+}
+
+/// Where falls end trials, a gait that rolls over ends there.
+#[test]
+fn a_fall_ends_a_trial_if_asked() {
+    let mut course = course(15);
+    course.network = NetworkKind::Fo;
+    let gaits = (4..14).map(|n| gait(&course, 200 * n));
+    let rolls = gaits.map(|gait| (course.trial(gait.clone(), FRICTION).unwrap(), gait));
+    let (rolls, gait) = rolls.into_iter().find(|(rolls, _)| rolls.falls > 0).expect("one of them rolls over");
+    assert!(!rolls.fallen, "{rolls:?}");
+    course.upright = true;
+    let ends = course.trial(gait, FRICTION).unwrap();
+    assert!(ends.fallen && ends.falls == 1 && ends.seconds <= rolls.seconds, "{ends:?}");
 }

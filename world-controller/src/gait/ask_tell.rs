@@ -3,6 +3,7 @@
 //! Points are in the unit box, and larger is better. A learner is a function of its seed and of what it was told, so a
 //! study is resumed by telling its results again. Results depend neither on the number of threads nor on time.
 
+use super::bayes::Bayes;
 use super::cma::CmaEs;
 use super::pso::Swarm;
 use super::repertoire::Repertoire;
@@ -39,6 +40,8 @@ pub trait Learner {
 pub enum Method {
     /// CMA-ES: adapts the covariance of a normal distribution
     Cma,
+    /// Bayesian optimisation: a model of all results, one gait at a time
+    Bayes,
     /// The thesis's swarm of 80 particles
     Pso,
     /// Uniformly drawn gaits, for comparison
@@ -61,6 +64,7 @@ impl Method {
                 Some(start) => Box::new(CmaEs::new(start, SIGMA_NEAR, rng)),
                 None => Box::new(CmaEs::new(vec![0.5; dimensions], SIGMA, rng)),
             },
+            Method::Bayes => Box::new(Bayes::new(dimensions, rng)),
             Method::Pso => Box::new(Swarm::new(dimensions, rng)),
             Method::Random => Box::new(Random { dimensions, rng }),
             Method::Repertoire => Box::new(Repertoire::new(dimensions, rng)),
@@ -77,6 +81,7 @@ impl fmt::Display for Method {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
             Method::Cma => "cma",
+            Method::Bayes => "bayes",
             Method::Pso => "pso",
             Method::Random => "random",
             Method::Repertoire => "repertoire",
@@ -121,6 +126,7 @@ impl Learner for Random {
 mod tests {
     use super::*;
 
+    /// Those that are quick with thousands of points.
     const ALL: [Method; 4] = [Method::Cma, Method::Pso, Method::Random, Method::Repertoire];
 
     fn sphere(x: &[f64]) -> f64 {
@@ -191,10 +197,10 @@ mod tests {
 
     #[test]
     fn the_same_seed_and_results_give_the_same_points() {
-        for method in ALL {
-            let first = optimise(method, sphere, 6, 300, 7);
-            assert_eq!(first, optimise(method, sphere, 6, 300, 7), "{method}");
-            assert_ne!(first.0, optimise(method, sphere, 6, 300, 8).0, "{method}");
+        for (method, n) in ALL.map(|method| (method, 300)).into_iter().chain([(Method::Bayes, 30)]) {
+            let first = optimise(method, sphere, 6, n, 7);
+            assert_eq!(first, optimise(method, sphere, 6, n, 7), "{method}");
+            assert_ne!(first.0, optimise(method, sphere, 6, n, 8).0, "{method}");
         }
     }
 

@@ -47,6 +47,12 @@ pub struct StudyPart {
     pub method: Method,
     /// What a gait is worth.
     pub fitness: Fitness,
+    /// The direction in which the distance counted, in degrees from +x towards +y; null for any.
+    #[serde(default)]
+    pub heading_deg: Option<f64>,
+    /// True if a trial ended with a fall, and its speed counted a thousandth. Older files do not say so.
+    #[serde(default)]
+    pub upright: bool,
     /// The time of a trial in seconds, after 2 s at rest.
     pub trial_s: f64,
     /// The number of gaits that each run tries.
@@ -147,6 +153,8 @@ impl StudyPart {
                 ("--network", s.network.clone()),
                 ("--method", s.method.to_string()),
                 ("--fitness", format!("{:?}", s.fitness).to_lowercase()),
+                ("--heading", s.heading_deg.map_or("any".to_owned(), |h| format!("{h} degrees"))),
+                ("--upright", s.upright.to_string()),
                 ("--trial", format!("{} s", s.trial_s)),
                 ("--from", format!("{} oscillators", s.from.as_ref().map_or(0, Vec::len))),
                 ("the engine", s.engine.clone()),

@@ -56,6 +56,10 @@ impl Space {
     pub fn dimensions(&self) -> usize {
         self.network.parameters(Lags::Tree)
     }
+    /// Returns the number of amplitudes, which come first, and of offsets, which follow.
+    pub fn groups(&self) -> usize {
+        self.amplitudes.len()
+    }
     /// Returns the joints with an oscillator.
     pub fn oscillators(&self) -> &[Joint] {
         &self.network.oscillators

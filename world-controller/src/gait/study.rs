@@ -33,7 +33,7 @@ impl Fitness {
     }
 }
 
-/// The factor of the speed after a self-collision (thesis 7.6).
+/// The factor of the speed after a self-collision (thesis 7.6), or after a fall that ends a trial.
 const COLLIDED: f64 = 0.001;
 
 /// One gait tried.
@@ -65,11 +65,17 @@ pub struct Study {
     pub fitness: Fitness,
 }
 
+/// Returns how a gait uses the limbs: the share of time that each module with an oscillator has touched the floor.
+pub fn behaviour(space: &Space, trial: &Trial) -> Vec<f64> {
+    let moving = |m: usize| space.oscillators().iter().any(|j| usize::from(j.0 / JOINTS) == m);
+    trial.duty.iter().enumerate().filter(|(m, _)| moving(*m)).map(|(_, d)| *d).collect()
+}
+
 impl Study {
     /// Returns the fitness of an outcome in mm/s (thesis 7.8).
     fn speed(&self, outcome: &Outcome) -> f64 {
         let speed = outcome.distance_mm / self.course.time.as_secs_f64();
-        if outcome.collided { speed * COLLIDED } else { speed }
+        if outcome.collided || outcome.fallen { speed * COLLIDED } else { speed }
     }
 
     /// Tries a gait with every friction, and returns the speeds and the outcomes.
@@ -80,7 +86,7 @@ impl Study {
         let mut all: Vec<(f64, Outcome)> = Vec::new();
         for friction in self.fitness.frictions() {
             let outcome = self.course.trial(gait.clone(), *friction)?;
-            let ends = outcome.collided || outcome.broken;
+            let ends = outcome.collided || outcome.fallen || outcome.broken;
             all.push((self.speed(&outcome), outcome));
             if ends {
                 break;
@@ -133,8 +139,6 @@ impl Study {
     /// number counts as 0.
     pub fn scored(&self, trial: &Trial) -> Scored {
         let fitness = if trial.fitness_mm_s.is_finite() { trial.fitness_mm_s } else { 0.0 };
-        let moving = |m: usize| self.space.oscillators().iter().any(|j| usize::from(j.0 / JOINTS) == m);
-        let behaviour = trial.duty.iter().enumerate().filter(|(m, _)| moving(*m)).map(|(_, d)| *d).collect();
-        Scored { fitness, behaviour }
+        Scored { fitness, behaviour: behaviour(&self.space, trial) }
     }
 }

@@ -2,9 +2,11 @@
 //!
 //! After a failure the network is made anew without the joints of dead modules. The first gaits to try are the one of a gait
 //! file for this failure, if there is one, and the former gait as far as its joints are left. The learner begins at the
-//! faster of them, or in the middle of the space if that one is of no use any more.
+//! faster of them, or in the middle of the space if that one is of no use any more. With a repertoire, elites come before the
+//! learner.
 
 use super::ask_tell::{Learner, Method, Point, Scored};
+use super::elites::{Elite, Order};
 use super::space::Space;
 use metamorph_protocol::free_module::network::NetworkKind;
 use metamorph_protocol::free_module::structure::Structure;
@@ -36,7 +38,9 @@ pub struct Choice {
     pub network: NetworkKind,
     /// Known gaits; one of them is for no dead module.
     pub known: Vec<Known>,
-    /// The learner; `None` to try known gaits only.
+    /// Elites of the whole structure, the fastest first.
+    pub elites: Vec<Elite>,
+    /// The learner; `None` to try known gaits only. With [`Method::Repertoire`] elites are tried first, and then CMA-ES.
     pub method: Option<Method>,
     /// The number of gaits to try after a failure.
     pub trials: u32,
@@ -55,6 +59,11 @@ pub struct OnlineTuner {
     space: Option<Space>,
     /// Gaits to try before the learner's.
     first: VecDeque<Gait>,
+    /// The gait walked before, and the elites, if they are to be tried.
+    before: Gait,
+    order: Option<Order>,
+    /// True if the gait whose speed is awaited is an elite.
+    is_elite: bool,
     /// The fastest of the gaits tried before the learner's.
     best: Option<(f64, Gait)>,
     /// The gait whose speed is awaited.
@@ -93,11 +102,25 @@ impl OnlineTuner {
             tried: 0,
             space: None,
             first: VecDeque::new(),
+            before: Gait::new(),
+            order: None,
+            is_elite: false,
             best: None,
             trying: Gait::new(),
             expected: None,
             learner: None,
         }
+    }
+
+    /// Returns the elite to try next, as far as its joints are left.
+    fn elite(&mut self) -> Option<Gait> {
+        let (space, order) = (self.space.as_ref()?, self.order.as_mut()?);
+        let gait = order.choose().map(|elite| space.gait(&space.point(&elite.gait)));
+        self.is_elite = gait.is_some();
+        if gait.is_none() {
+            self.order = None;
+        }
+        gait
     }
 
     /// Returns the next gait of the learner, which begins at the fastest gait so far unless that one is of no use.
@@ -108,6 +131,7 @@ impl OnlineTuner {
             let useful = self.best.as_ref().filter(|(speed, _)| *speed >= least);
             let start = useful.map(|(_, gait)| space.point(gait));
             let seed = self.choice.seed.wrapping_mul(1_000).wrapping_add(self.begun);
+            let method = if method == Method::Repertoire { Method::Cma } else { method };
             let learner = method.learner(space.dimensions(), seed, start);
             Round { learner, asked: VecDeque::new(), results: Vec::new() }
         });
@@ -128,6 +152,9 @@ impl Tuner for OnlineTuner {
         self.expected = of_file.map(|known| known.speed_mm_s);
         (self.begun, self.tried) = (self.begun + 1, 1);
         (self.space, self.best, self.learner) = (Some(space), None, None);
+        let with_elites = self.choice.method == Some(Method::Repertoire) && !dead.is_empty();
+        self.order = with_elites.then(|| Order::new(self.choice.elites.clone()));
+        (self.before, self.is_elite) = (before.clone(), false);
         self.trying = self.first.pop_front()?;
         Some(self.trying.clone())
     }
@@ -139,6 +166,12 @@ impl Tuner for OnlineTuner {
     fn tell(&mut self, speed_mm_s: f64) -> Option<Gait> {
         self.expected = None;
         self.whole.get_or_insert(speed_mm_s);
+        match &mut self.order {
+            Some(order) if self.is_elite => order.tell(speed_mm_s),
+            // Until the first elite, the gait told last is the one walked before.
+            Some(order) if self.first.is_empty() => order.heard(&self.before, speed_mm_s),
+            _ => {}
+        }
         match &mut self.learner {
             Some(round) => round.results.push(Scored { fitness: speed_mm_s, behaviour: Vec::new() }),
             None if self.best.as_ref().is_none_or(|(best, _)| speed_mm_s > *best) => {
@@ -149,7 +182,7 @@ impl Tuner for OnlineTuner {
         if self.tried >= self.choice.trials {
             return None;
         }
-        let next = self.first.pop_front().or_else(|| self.learnt())?;
+        let next = self.first.pop_front().or_else(|| self.elite()).or_else(|| self.learnt())?;
         self.tried += 1;
         self.trying = next;
         Some(self.trying.clone())
@@ -165,7 +198,11 @@ mod tests {
         let structure = named::structure("quad5-sym").unwrap();
         let space = Space::of(&structure, NetworkKind::BlfSym).unwrap();
         let known = vec![Known { dead: BTreeSet::new(), gait: space.gait(&[0.2; 14]), speed_mm_s: 50.0 }];
-        Arc::new(Choice { structure, network: NetworkKind::BlfSym, known, method, trials: 30, seed: 1 })
+        let elite =
+            |x: f64, speed_mm_s: f64| Elite { gait: space.gait(&[x; 14]), speed_mm_s, behaviour: vec![x] };
+        let elites = vec![elite(0.2, 50.0), elite(0.3, 45.0), elite(0.9, 40.0)];
+        let network = NetworkKind::BlfSym;
+        Arc::new(Choice { structure, network, known, elites, method, trials: 30, seed: 1 })
     }
 
     /// The known gait comes first, then what is left of it, then the learner's, which comes closer to what is fast.
@@ -221,6 +258,22 @@ mod tests {
         let ([old_if_useful, middle_if_useful], [old_if_not, middle_if_not]) = (of(20.0), of(5.0));
         assert!(old_if_useful < middle_if_useful, "{old_if_useful} {middle_if_useful}");
         assert!(middle_if_not < old_if_not, "{middle_if_not} {old_if_not}");
+    }
+
+    /// After a failure in which the gait walked before is useless, the elite beside it is passed over.
+    #[test]
+    fn elites_come_before_the_learner() {
+        let choice = choice(Some(Method::Repertoire));
+        let mut tuner = OnlineTuner::new(Arc::clone(&choice));
+        let intact = tuner.begin(&BTreeSet::new(), &Gait::new()).unwrap();
+        assert!(tuner.tell(50.0).is_some(), "the learner's");
+        let gait = tuner.begin(&BTreeSet::from([ModuleId(2)]), &intact).unwrap();
+        let space = tuner.space.clone().unwrap();
+        let of = |elite: &Elite| space.gait(&space.point(&elite.gait));
+        assert_eq!(gait, of(&choice.elites[0]), "what is left of the gait walked before");
+        assert_eq!(tuner.tell(0.0).unwrap(), of(&choice.elites[2]));
+        let learnt = tuner.tell(39.0).unwrap();
+        assert!(choice.elites.iter().all(|elite| learnt != of(elite)), "then the learner");
     }
 
     #[test]

@@ -45,7 +45,8 @@ Examples:
   metamorph learn quad5-sym --dead 2 --from gait.json      learn again after a module died
   metamorph learn quad5-sym --seeds 1..21 --network fo --json - | jq .best.fitness_mm_s
 
-A structure is a file, or one of quad5-sym, quad5-unsym, quad9 and tripod4. Rings are not simulated.
+A structure is a file, or one of quad5-sym, quad5-unsym, quad9 and tripod4. A ring needs a file, with
+joint angles that close it.
 `metamorph schema gait` describes gait files. A gait file and the JSON output are the same.
 
 Exit codes:
@@ -85,6 +86,12 @@ pub struct LearnArgs {
     /// What a gait is worth
     #[arg(long, value_enum, default_value_t = Fitness::Robust)]
     pub fitness: Fitness,
+    /// Count the distance in this direction only, such as 45deg, from +x towards +y. Default: any
+    #[arg(long, value_name = "ANGLE", allow_hyphen_values = true)]
+    pub heading: Option<String>,
+    /// A fall ends a trial, and its speed counts a thousandth, as after a self-collision
+    #[arg(long)]
+    pub upright: bool,
     /// Seeds from A up to but not including B, one run each
     #[arg(long, value_name = "A..B", default_value = "1..2")]
     pub seeds: String,
@@ -200,7 +207,8 @@ pub fn learn(args: &LearnArgs, interrupt: &Interrupt) -> Result<u8, LearnError> 
 }
 
 /// What to do about a structure that cannot have bodies.
-const BODIES: &str = "name a structure without rings, whose modules do not overlap";
+const BODIES: &str =
+    "name a structure whose modules do not overlap, and a file with joints_deg if it has rings";
 
 fn save(output: &Output, file: &GaitFile) -> Result<(), LearnError> {
     Ok(output.write(json(file) + "\n")?)
@@ -218,6 +226,7 @@ fn asked(args: &LearnArgs) -> Result<Asked, LearnError> {
         let reason = format!("{} is not between 1 and {MOST}", args.trials);
         return Err(PlanError::option("--trials", reason, "name another number").into());
     }
+    let heading_deg = args.heading.as_deref().map(heading).transpose()?;
     let down: Down = args.down.parse().map_err(|error: NotADirection| {
         PlanError::option("--down", format!("{error}"), "-y is right for the named structures")
     })?;
@@ -243,6 +252,8 @@ fn asked(args: &LearnArgs) -> Result<Asked, LearnError> {
         network,
         dead: dead.iter().map(|m| ModuleId(*m)).collect(),
         time,
+        heading_deg,
+        upright: args.upright,
         seed: 1,
     };
     // Refused here, before anything is written.
@@ -257,6 +268,8 @@ fn asked(args: &LearnArgs) -> Result<Asked, LearnError> {
         network: network.name().to_owned(),
         method: args.method,
         fitness: args.fitness,
+        heading_deg,
+        upright: args.upright,
         trial_s: time.as_secs_f64(),
         trials: args.trials,
         from: from.as_ref().map(written),
@@ -268,6 +281,15 @@ fn asked(args: &LearnArgs) -> Result<Asked, LearnError> {
     let note = "no body was found: the reduced network is the full one".to_owned();
     let notes = (reduced && !has_body).then_some(note).into_iter().collect();
     Ok(Asked { study, part, from, seeds: Seeds::parse(&args.seeds)?, notes })
+}
+
+/// Reads an angle in degrees.
+fn heading(text: &str) -> Result<f64, PlanError> {
+    let number = text.strip_suffix("deg").and_then(|n| n.trim().parse::<f64>().ok());
+    number.filter(|n| (-360.0..=360.0).contains(n)).ok_or_else(|| {
+        let reason = format!("{} is not an angle between -360deg and 360deg", text.shown());
+        PlanError::option("--heading", reason, "write an angle such as 45deg")
+    })
 }
 
 /// Reads the best gait of a file.

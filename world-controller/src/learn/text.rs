@@ -15,9 +15,10 @@ const AFTER: [usize; 7] = [10, 20, 40, 80, 120, 240, 400];
 pub fn known(study: &Study, outcomes: &[(f64, Outcome)]) -> String {
     let frictions = study.fitness.frictions();
     let speeds = outcomes.iter().zip(frictions).map(|((speed, outcome), friction)| {
-        let end = match (outcome.broken, outcome.collided) {
-            (true, _) => " (broken)",
-            (_, true) => " (self-collision)",
+        let end = match (outcome.broken, outcome.collided, outcome.fallen) {
+            (true, _, _) => " (broken)",
+            (_, true, _) => " (self-collision)",
+            (_, _, true) => " (fall)",
             _ => "",
         };
         format!("{} mm/s with friction {friction}{end}", number(*speed))
@@ -30,7 +31,7 @@ pub fn text(study: &Study, file: &GaitFile, paint: Paint) -> String {
     let part = &file.study;
     let dead: Vec<String> = part.dead.iter().map(u32::to_string).collect();
     let mut out = format!(
-        "{}{}: {} with {} parameters, {}, trials of {} s, fitness {}\n\n",
+        "{}{}: {} with {} parameters, {}, trials of {} s, fitness {}{}\n\n",
         paint.strong(&part.structure),
         if dead.is_empty() { String::new() } else { format!(", {} dead", dead.join(" ")) },
         part.network,
@@ -38,6 +39,7 @@ pub fn text(study: &Study, file: &GaitFile, paint: Paint) -> String {
         part.method,
         number(part.trial_s),
         format!("{:?}", part.fitness).to_lowercase(),
+        if part.upright { ", a fall ends a trial" } else { "" },
     );
     let longest = file.runs.iter().map(|run| run.trials.len()).max().unwrap_or(0);
     let mut after: Vec<usize> = AFTER.into_iter().filter(|n| *n < longest).collect();

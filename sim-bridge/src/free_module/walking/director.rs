@@ -1,7 +1,8 @@
 //! The director of a walking structure: injects faults, hands out gaits, has others tried when modules die or the
 //! structure becomes slow, and decides how the run ends.
 
-use super::measure::{Measure, WINDOW};
+use super::goal::Goal;
+use super::measure::{Measure, Movement, WINDOW};
 use super::reasons::{DEAD, NO_JOINT, SLOW, STILL};
 use super::tuner::{Gait, Tuner};
 use crate::director::fault_injector::FaultInjector;
@@ -37,15 +38,6 @@ pub const TOO_SLOW: f64 = 0.5;
 const COLLIDED: f64 = 0.001;
 /// The speed in mm/s below which a structure stays where it is.
 const STANDING: f64 = 1.0;
-
-/// What is asked of a structure.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Goal {
-    /// How long it walks.
-    pub time: Span,
-    /// Its least speed in mm/s, over [`WINDOW`].
-    pub speed_mm_s: f64,
-}
 
 /// The course of a run.
 pub struct Course {
@@ -167,6 +159,10 @@ impl WalkDirector {
     pub fn way(&self) -> (Span, f64, f64) {
         let (distance, path) = self.measure.way_mm();
         (self.measure.time(), distance, path)
+    }
+    /// Returns how far the structure has turned in degrees, counter-clockwise seen from above.
+    pub fn turned_deg(&self) -> f64 {
+        self.measure.turned_deg()
     }
     /// Returns the number of gaits ordered.
     pub fn gaits(&self) -> u64 {
@@ -297,7 +293,8 @@ impl WalkDirector {
         }
         let reference = *self.reference.get_or_insert(speed);
         let expected = self.course.tuner.expected().map_or(reference, |expected| expected.min(reference));
-        if speed < ENOUGH * expected
+        let enough = self.course.goal.least().unwrap_or(ENOUGH * expected);
+        if speed < enough
             && let Some(next) = self.course.tuner.tell(speed)
         {
             return self.try_gait(now, next);
@@ -313,12 +310,20 @@ impl WalkDirector {
         }
     }
 
+    /// Returns the speed over the last [`WINDOW`] that counts for the goal.
+    fn speed(&self) -> Option<f64> {
+        self.measure.recent().map(|movement: Movement| self.course.goal.speed(&movement))
+    }
+
     /// Looks how the structure walks.
     fn look<P: Physics>(&mut self, now: Time, world: &PhysicsWorld<P>) {
         self.next_look = now + LOOK;
         if self.epoch > 1 || (self.epoch == 1 && now >= self.gait.0) {
-            let [x, y, _] = world.physics().centre_of_mass();
-            self.measure.add(now, [x, y], WINDOW.max(self.course.trial));
+            let physics = world.physics();
+            let [x, y, _] = physics.centre_of_mass();
+            let modules = (0..self.modules as u32).map(|m| physics.pose(ModuleId(m), 1).position);
+            let modules = modules.map(|[x, y, _]| [x, y]).collect();
+            self.measure.add(now, [x, y], modules, WINDOW.max(self.course.trial));
         }
         match self.state {
             State::Settling(earliest, latest) => {
@@ -329,13 +334,14 @@ impl WalkDirector {
             State::Trying(start) => {
                 if now >= start + self.course.trial {
                     let from = start + Span(self.course.trial.0 / 3);
-                    let speed = self.measure.speed_since(from).unwrap_or(0.0);
+                    let speed =
+                        self.measure.since(from).map_or(0.0, |movement| self.course.goal.speed(&movement));
                     let collided = world.collided().is_some_and(|at| at >= from);
                     self.tried(now, if collided { speed * COLLIDED } else { speed });
                 }
             }
             State::Walking(since, kept) => {
-                let slow = self.measure.speed().is_some_and(|speed| speed < TOO_SLOW * kept);
+                let slow = self.speed().is_some_and(|speed| speed < TOO_SLOW * kept);
                 if slow && now.since(since) >= WINDOW {
                     self.begin(now);
                 }
@@ -345,11 +351,11 @@ impl WalkDirector {
     }
 
     fn watch<P: Physics>(&mut self, now: Time, world: &PhysicsWorld<P>) {
-        let speed = self.measure.speed();
-        if speed.is_none_or(|speed| speed >= STANDING) {
+        let moves = self.measure.recent().is_none_or(|movement| movement.speed() >= STANDING);
+        if moves {
             self.last_moved = now;
         }
-        if speed.is_some_and(|speed| speed >= self.course.goal.speed_mm_s) {
+        if self.speed().is_some_and(|speed| speed >= self.course.goal.speed_mm_s) {
             self.fast_since.get_or_insert(now);
             self.last_fast = now;
         } else {
@@ -378,13 +384,12 @@ impl WalkDirector {
         } else {
             return;
         };
-        let Goal { time, speed_mm_s } = self.course.goal;
         let waiting = self.members.dead().map(|module| Waiter { module, on: None, why: DEAD });
         self.stall = Some(Stall {
             since,
             reason,
             text: reason.text,
-            open: vec![Objective { text: format!("{speed_mm_s} mm/s for {time}"), cell: None }],
+            open: vec![Objective { text: self.course.goal.to_string(), cell: None }],
             wait_cycle: Vec::new(),
             waiting: waiting.collect(),
             detected: None,

@@ -1,7 +1,7 @@
 //! `metamorph bench`: measures what the two links cost, with bare mechanisms beside them in the same run, so
 //! that the ratios hold on any machine.
 //!
-//! `flood`, `growth` and `chairs` measure the simulated link, `wire`, `swarm` and `churn` the process link;
+//! `flood`, `growth`, `chairs` and `gait` measure the simulated link, `wire`, `swarm` and `churn` the process link;
 //! `part` is the other process of a measurement; `text` shows the results. Absent: any judgement. Nothing
 //! here fails because a machine is slow.
 
@@ -10,6 +10,7 @@ mod chairs;
 mod churn;
 mod ends;
 mod flood;
+mod gait;
 mod growth;
 mod hosts;
 mod machine;
@@ -49,6 +50,8 @@ pub enum Name {
     Growth,
     /// Runs of the thesis's chair per second, on all processors
     Chairs,
+    /// Structures that walk: simulated time by processor time, messages, learners
+    Gait,
     /// Round trips and throughput between two processes, beside other mechanisms
     Wire,
     /// Swarms of processes: starting, exchanging, memory, idling
@@ -137,6 +140,8 @@ pub struct Results {
     growth: Option<growth::Growth>,
     /// A row for each strategy.
     chairs: Vec<chairs::Row>,
+    /// A row for each structure that walks, and for each learner.
+    gait: Option<gait::Gaits>,
     /// A row for each mechanism.
     wire: Vec<wire::Row>,
     /// A row for each number of tokens in a ring of processes.
@@ -164,6 +169,7 @@ pub fn bench(request: &Request) -> Result<u8, BenchError> {
         flood: Vec::new(),
         growth: None,
         chairs: Vec::new(),
+        gait: None,
         wire: Vec::new(),
         busy: Vec::new(),
         swarm: None,
@@ -185,6 +191,11 @@ pub fn bench(request: &Request) -> Result<u8, BenchError> {
     if wanted(Name::Chairs) {
         results.chairs = chairs::measure(chairs::RUNS, &mut live)?;
         channel.say(&text::chairs(&results.chairs, paint));
+    }
+    if wanted(Name::Gait) {
+        let gaits = gait::measure(most, &mut live)?;
+        channel.say(&text::gaits(&gaits, paint));
+        results.gait = Some(gaits);
     }
     // From here on there are processes and shared memory to remove.
     interrupt.begin();

@@ -5,6 +5,7 @@ use super::busy;
 use super::chairs;
 use super::churn::Churn;
 use super::flood;
+use super::gait;
 use super::growth::Growth;
 use super::machine::Machine;
 use super::swarm::Swarms;
@@ -120,6 +121,29 @@ pub fn chairs(rows: &[chairs::Row], paint: Paint) -> String {
         paint.strong("chairs"),
         many(threads, "run"),
         table.text(paint)
+    )
+}
+
+/// Formats structures that walk.
+pub fn gaits(gaits: &gait::Gaits, paint: Paint) -> String {
+    let mut table = Table::new(&["structure"]);
+    table.head(&["modules", "bodies", "agents", "both", "phases/s", "without prediction"]);
+    for r in &gaits.rows {
+        let cells = [r.bodies, r.agents, r.both, r.gait_messages, r.unpredicted].map(number);
+        table.row(std::slice::from_ref(&r.structure), [vec![count(r.modules)], cells.into()].concat());
+    }
+    let mut learners = Table::new(&["learner"]);
+    learners.head(&["parameters", "gaits", "cpu µs a gait"]);
+    for l in &gaits.learners {
+        let cells = vec![count(l.parameters), count(l.asked), number(l.us)];
+        learners.row(std::slice::from_ref(&l.learner), cells);
+    }
+    format!(
+        "{}\nStructures walk; simulated seconds by second of processor time of bodies and agents, and messages of class \
+         gait a second in lock.\n{}\nLearners without trials.\n{}",
+        paint.strong("gait"),
+        table.text(paint),
+        learners.text(paint)
     )
 }
 

@@ -13,15 +13,18 @@ pub fn describe(out: &mut String, walk: &Walk) -> std::fmt::Result {
     let modules = choice.structure.bound();
     let count = many(modules as u64, "free module");
     writeln!(out, "  swarm     {count}, numbered 0 to {}, body {BODY}, {ENGINE}", modules - 1)?;
-    writeln!(out, "  start     {}, {} down, friction {}", walk.start.shown(), walk.down, walk.friction)?;
+    write!(out, "  start     {}, {} down, friction {}", walk.start.shown(), walk.down, walk.friction)?;
+    if walk.slope_deg > 0.0 {
+        write!(out, ", ground rises by {} degrees", walk.slope_deg)?;
+    }
+    writeln!(out)?;
     let morphology = Morphology::of(&choice.structure);
     if let Ok(network) = morphology.network(choice.network) {
         let oscillators = many(network.oscillators.len() as u64, "oscillator");
         let parameters = many(network.parameters(Lags::Tree) as u64, "parameter");
         writeln!(out, "  network   {}: {oscillators}, {parameters}", choice.network)?;
     }
-    let goal = walk.goal;
-    writeln!(out, "  goal      walk for {} at {} mm/s at least", goal.time, goal.speed_mm_s)?;
+    writeln!(out, "  goal      walk at least {}", walk.goal)?;
     let known = many(choice.known.len() as u64, "known gait");
     let learner = match choice.method {
         Some(method) => format!("then {method}, {} at most", many(choice.trials.into(), "gait")),

@@ -5,6 +5,7 @@ use crate::scenario::error::ScenarioError;
 use metamorph_protocol::free_module::named;
 use metamorph_protocol::free_module::network::NetworkKind;
 use metamorph_sim_bridge::free_module::physics::{NotADirection, PhysicsError};
+use std::ops::RangeInclusive;
 use thiserror::Error;
 
 /// An error in a section of walking structures.
@@ -30,6 +31,21 @@ pub enum WalkError {
     /// A speed that is none.
     #[error("`{0}` is not a speed of at least 0")]
     Speed(String),
+    /// A number without its unit, or out of its range.
+    #[error("{what} is `{got}`, which is not a number of {unit} between {} and {}", .range.start(), .range.end())]
+    Quantity {
+        /// The key.
+        what: &'static str,
+        /// What is written.
+        got: String,
+        /// The unit.
+        unit: &'static str,
+        /// What is possible.
+        range: RangeInclusive<f64>,
+    },
+    /// A turn that is none, or one without a speed of which it is a share.
+    #[error("a walk with a turn needs a turn other than 0 and a speed above 0")]
+    NoTurn,
     /// A friction that is none.
     #[error("friction is {0}, which is not between 0 and 10")]
     Friction(f64),
@@ -63,9 +79,13 @@ impl WalkError {
         match self {
             WalkError::File { fix, .. } => fix.clone(),
             WalkError::Unknown(_) => format!("write a structure file, or one of {}", named::NAMES.join(", ")),
-            WalkError::Bodies(_) => "name a structure without rings, whose modules do not overlap".into(),
+            WalkError::Bodies(_) => {
+                "name a structure whose modules do not overlap and whose rings close".into()
+            }
             WalkError::Down(_) => "-y is right for the named structures".into(),
             WalkError::Speed(_) => "write a speed such as \"15mm/s\"".into(),
+            WalkError::Quantity { unit, .. } => format!("write a number with its unit, such as \"10{unit}\""),
+            WalkError::NoTurn => "leave the turn out, or write another one".into(),
             WalkError::Friction(_) => "write a number such as 0.8".into(),
             WalkError::Network { ours, .. } => {
                 format!("write the gait's network, or learn a gait with `--network {ours}`")

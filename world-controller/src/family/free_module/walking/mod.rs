@@ -26,7 +26,7 @@ use metamorph_protocol::time::Span;
 use metamorph_sim_bridge::free_module::physics::{Down, PhysicsError};
 use metamorph_sim_bridge::free_module::physics_world::PhysicsWorld;
 use metamorph_sim_bridge::free_module::rapier::Bodies;
-use metamorph_sim_bridge::free_module::walking::director::Goal;
+use metamorph_sim_bridge::free_module::walking::goal::Goal;
 use metamorph_sim_bridge::world::World;
 pub use scenario::RawWalk;
 use std::fmt;
@@ -37,7 +37,7 @@ pub const BODY: &str = "physics";
 /// The only strategy.
 pub const STRATEGY: &str = "oscillators";
 /// The keys of `[swarm]` that only this body has.
-pub const SWARM_KEYS: [&str; 2] = ["down", "friction"];
+pub const SWARM_KEYS: [&str; 3] = ["down", "friction", "ground"];
 /// The keys of `[[goal]]` that only this body has.
 pub const GOAL_KEYS: [&str; 1] = ["walk"];
 /// The keys of `[protocol]` that only this body has.
@@ -100,6 +100,8 @@ pub struct Walk {
     pub down: Down,
     /// Friction of all surfaces.
     pub friction: f32,
+    /// The angle in degrees by which the ground rises towards +x.
+    pub slope_deg: f64,
     /// Structure, network, known gaits and learner.
     pub choice: Arc<Choice>,
     /// How long a gait is tried.
@@ -117,7 +119,11 @@ impl Walk {
     /// Refuses a structure that cannot have bodies.
     pub fn bodies(&self) -> Result<PhysicsWorld<Bodies>, PhysicsError> {
         let structure = &self.choice.structure;
-        let bodies = Bodies::new(structure, &self.joints_deg, self.down, self.friction)?;
+        let mut bodies = Bodies::new(structure, &self.joints_deg, self.down, self.friction)?;
+        // On level ground nothing is computed, so that its runs are those without this option.
+        if self.slope_deg > 0.0 {
+            bodies.tilt(self.slope_deg.to_radians() as f32);
+        }
         Ok(PhysicsWorld::new(structure.clone(), bodies).telling_poses())
     }
 }

@@ -22,6 +22,10 @@ pub struct WalkReport {
     pub path_mm: f64,
     /// The distance by the time.
     pub speed_mm_s: f64,
+    /// How far the structure turned in degrees, counter-clockwise seen from above.
+    pub turned_deg: f64,
+    /// The work of all motors by weight and distance; null if there are rings, or if the structure stayed where it was.
+    pub cost_of_transport: Option<f64>,
     /// The time of the latest self-collision; null if there was none.
     pub collided_s: Option<f64>,
     /// How often the body turned upside down.
@@ -51,11 +55,13 @@ pub struct SituationReport {
 pub fn part(report: &WalkReport) -> FamilyPart {
     let metres = |mm: f64| format!("{:.2} m", mm / 1000.0);
     let walk = format!(
-        "{} away in {:.0} s ({:.1} mm/s), on a path of {}{}",
+        "{} away in {:.0} s ({:.1} mm/s), on a path of {}, turned by {:.0} degrees{}{}",
         metres(report.distance_mm),
         report.walked_s,
         report.speed_mm_s,
         metres(report.path_mm),
+        report.turned_deg,
+        report.cost_of_transport.map_or(String::new(), |cost| format!(", cost of transport {cost:.1}")),
         if report.falls > 0 { format!(", {}", many(report.falls.into(), "fall")) } else { String::new() }
     );
     let mut moves = vec![("walk", walk.clone())];

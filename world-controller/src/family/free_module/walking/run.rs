@@ -11,7 +11,7 @@ use metamorph_protocol::free_module::gait::Setup;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::director::progress::Progress;
-use metamorph_sim_bridge::free_module::physics::TICK;
+use metamorph_sim_bridge::free_module::physics::{Physics, TICK};
 use metamorph_sim_bridge::free_module::physics_world::PhysicsWorld;
 use metamorph_sim_bridge::free_module::rapier::{Bodies, ENGINE};
 use metamorph_sim_bridge::free_module::walking::director::{Course, Situation, WalkDirector};
@@ -30,6 +30,16 @@ fn situation(situation: &Situation) -> SituationReport {
         best_mm_s: situation.best_mm_s,
         kept_s: situation.kept.map(Time::as_secs_f64),
     }
+}
+
+/// The least distance in mm of which there is a cost of transport: a cell.
+const LEAST: f64 = 110.0;
+
+/// Returns the work of all motors by weight and distance.
+fn cost_of_transport(world: &World, distance_mm: f64) -> Option<f64> {
+    let physics = world.physics();
+    let work = physics.work().filter(|_| distance_mm >= LEAST)?;
+    Some(work / (f64::from(physics.weight()) * distance_mm / 1000.0))
 }
 
 impl Runnable for Walk {
@@ -71,6 +81,8 @@ impl Runnable for Walk {
             distance_mm,
             path_mm,
             speed_mm_s: if time > Span::ZERO { distance_mm / time.as_secs_f64() } else { 0.0 },
+            turned_deg: director.turned_deg(),
+            cost_of_transport: cost_of_transport(world, distance_mm),
             collided_s: world.collided().map(Time::as_secs_f64),
             falls: world.falls(),
             situations: director.situations().iter().map(situation).collect(),

@@ -5,7 +5,9 @@ use super::{BODY, Walk};
 use crate::console::escape::Shown;
 use crate::family::free_module::scenario::{BODY as LATTICE, refuse, strategy};
 use crate::gait::ask_tell::Method;
+use crate::gait::elites::{self, Elite};
 use crate::gait::file;
+use crate::gait::space::Space;
 use crate::gait::tuner::{Choice, Known};
 use crate::plan::connected::{Connected, connected};
 use crate::plan::input::read_structure_file;
@@ -21,13 +23,16 @@ use metamorph_protocol::free_module::network::NetworkKind;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::Span;
 use metamorph_sim_bridge::free_module::physics::{self, Down};
-use metamorph_sim_bridge::free_module::walking::director::Goal;
+use metamorph_sim_bridge::free_module::walking::goal::Goal;
 use std::collections::BTreeSet;
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 /// Learners after a failure, the default first.
-pub const LEARNERS: [(&str, Option<Method>); 4] = [
+pub const LEARNERS: [(&str, Option<Method>); 6] = [
     ("cma", Some(Method::Cma)),
+    ("repertoire", Some(Method::Repertoire)),
+    ("bayes", Some(Method::Bayes)),
     ("pso", Some(Method::Pso)),
     ("random", Some(Method::Random)),
     ("none", None),
@@ -51,6 +56,11 @@ pub const LONGEST_TRIAL: Span = Span::secs(600);
 
 const START: &str = "start = \"quad5-sym\"";
 const WALK: &str = "walk = { for = \"60s\", speed_at_least = \"15mm/s\" }";
+const GROUND: &str = "ground = { slope = \"10deg\" }";
+/// The steepest ground in degrees.
+pub const STEEPEST: f64 = 45.0;
+/// The fastest turn in degrees a second: half a turn in the time over which the speed is measured.
+pub const FASTEST_TURN: f64 = 18.0;
 const GAITS: &str = "gaits = [\"gait.json\"]";
 
 /// The family's parts as written.
@@ -60,12 +70,14 @@ pub struct RawWalk {
     structure: Option<Connected>,
     down: Down,
     friction: f64,
+    slope_deg: f64,
     /// No beat of a scenario applies to it.
     beat: Option<At<Span>>,
     goal: Option<Goal>,
     name: Option<String>,
     network: NetworkKind,
     gaits: Option<(Place, Vec<Known>)>,
+    elites: Vec<Elite>,
     method: Option<Method>,
     trials: u64,
     trial: Span,
@@ -84,11 +96,13 @@ impl RawWalk {
             start,
             down: Down::DEFAULT,
             friction: FRICTION,
+            slope_deg: 0.0,
             beat: None,
             goal: None,
             name: None,
             network: NetworkKind::BlfSym,
             gaits: None,
+            elites: Vec::new(),
             method: LEARNERS[0].1,
             trials: DEFAULT_TRIALS,
             trial: DEFAULT_TRIAL,
@@ -101,6 +115,13 @@ impl RawWalk {
             let friction = (0.0..=MOST_FRICTION).contains(&value).then_some(value);
             raw.friction =
                 diagnostics.note(&place, friction.ok_or(WalkError::Friction(value))).unwrap_or(raw.friction);
+        }
+        if let Some(node) = swarm.node("ground")
+            && let Some(mut ground) = Section::of(node, "ground", GROUND, diagnostics)
+        {
+            let slope = quantity(&mut ground, "slope", "deg", 0.0..=STEEPEST, diagnostics);
+            raw.slope_deg = slope.unwrap_or(raw.slope_deg);
+            ground.finish(diagnostics);
         }
         refuse(&mut swarm, &["types", "joints_deg", "turn_time"], [BODY, LATTICE], diagnostics);
         swarm.finish(diagnostics);
@@ -158,7 +179,12 @@ impl RawWalk {
     }
 
     /// Reads the gait file of a path, and for which dead modules it is.
-    fn read_gait(&self, path: &At<String>, known: &[Known], diagnostics: &mut Diagnostics) -> Option<Known> {
+    fn read_gait(
+        &mut self,
+        path: &At<String>,
+        known: &[Known],
+        diagnostics: &mut Diagnostics,
+    ) -> Option<Known> {
         let At { value: text, place } = path;
         let structure = &self.structure.as_ref()?.structure;
         let resolved = diagnostics.file(text);
@@ -168,6 +194,8 @@ impl RawWalk {
             let hash = crate::console::format::digits(structure.fingerprint());
             let gait = file::best(&text.shown(), &document, &hash, structure.bound())
                 .map_err(|e| WalkError::file(&e))?;
+            let space = Space::of(structure, self.network).ok().filter(|_| document.study.dead.is_empty());
+            let repertoire = space.map(|space| elites::of_file(&document, &space)).unwrap_or_default();
             let theirs = document.study.network;
             if theirs != self.network.name() {
                 return Err(WalkError::Network { ours: self.network, theirs: theirs.shown() });
@@ -177,9 +205,13 @@ impl RawWalk {
                 return Err(WalkError::Twice(document.study.dead));
             }
             let speed_mm_s = document.best.map_or(0.0, |best| best.fitness_mm_s);
-            Ok(Known { dead, gait, speed_mm_s })
+            Ok((Known { dead, gait, speed_mm_s }, repertoire))
         })();
-        diagnostics.note(place, found)
+        let (known, repertoire) = diagnostics.note(place, found)?;
+        if known.dead.is_empty() {
+            self.elites = repertoire;
+        }
+        Some(known)
     }
 
     /// Returns the swarm, if nothing is wrong with it.
@@ -195,6 +227,7 @@ impl RawWalk {
             structure,
             network: self.network,
             known: known.clone(),
+            elites: self.elites.clone(),
             method: self.method,
             trials: u32::try_from(self.trials).unwrap_or(u32::MAX),
             seed,
@@ -204,6 +237,7 @@ impl RawWalk {
             joints_deg: read.joints_deg.clone().unwrap_or_else(|| vec![[0.0; 3]; bound]),
             down: self.down,
             friction: self.friction as f32,
+            slope_deg: self.slope_deg,
             choice: Arc::new(choice),
             trial: self.trial,
             goal: self.goal?,
@@ -245,11 +279,33 @@ fn read_goal(section: &mut Section<'_, '_>, diagnostics: &mut Diagnostics) -> Op
     let mut walk = Section::of(node, "walk", WALK, diagnostics)?;
     let time = walk.need::<Span>("for", WALK, diagnostics);
     let speed = walk.need::<String>("speed_at_least", WALK, diagnostics);
+    let heading_deg = quantity(&mut walk, "heading", "deg", -360.0..=360.0, diagnostics);
+    let turn_deg_s = quantity(&mut walk, "turn", "deg/s", -FASTEST_TURN..=FASTEST_TURN, diagnostics);
+    let place = walk.place().clone();
     walk.finish(diagnostics);
-    let At { value, place } = speed?;
+    let At { value, place: of_speed } = speed?;
     let number = value.strip_suffix("mm/s").and_then(|n| n.trim().parse::<f64>().ok());
     let speed = number.filter(|n| n.is_finite() && *n >= 0.0).ok_or_else(|| WalkError::Speed(value.shown()));
-    Some(Goal { speed_mm_s: diagnostics.note(&place, speed)?, time: time?.value })
+    let speed_mm_s = diagnostics.note(&of_speed, speed)?;
+    if turn_deg_s.is_some_and(|turn| turn == 0.0 || speed_mm_s == 0.0) {
+        diagnostics.add(place, WalkError::NoTurn);
+    }
+    Some(Goal { speed_mm_s, time: time?.value, heading_deg, turn_deg_s })
+}
+
+/// Reads a number with a unit.
+fn quantity(
+    section: &mut Section<'_, '_>,
+    key: &'static str,
+    unit: &'static str,
+    range: RangeInclusive<f64>,
+    diagnostics: &mut Diagnostics,
+) -> Option<f64> {
+    let At { value, place } = section.get::<String>(key, diagnostics)?;
+    let number = value.strip_suffix(unit).and_then(|n| n.trim().parse::<f64>().ok());
+    let wrong = || WalkError::Quantity { what: key, got: value.shown(), unit, range: range.clone() };
+    let number = number.filter(|n| range.contains(n)).ok_or_else(wrong);
+    diagnostics.note(&place, number)
 }
 
 impl RawSwarm for RawWalk {

@@ -1,13 +1,14 @@
 //! The keys of scenarios that only walking structures have.
 
 use super::scenario::{
-    DEFAULT_TRIAL, DEFAULT_TRIALS, FRICTION, LEARNERS, LONGEST_TRIAL, MOST_TRIALS, NETWORKS, SHORTEST_TRIAL,
+    DEFAULT_TRIAL, DEFAULT_TRIALS, FASTEST_TURN, FRICTION, LEARNERS, LONGEST_TRIAL, MOST_TRIALS, NETWORKS,
+    SHORTEST_TRIAL, STEEPEST,
 };
 use crate::scenario::schema::{names, of, said, table, text};
 use serde_json::{Value, json};
 
 /// Returns the keys of `[swarm]`.
-pub fn swarm() -> [(&'static str, Value); 2] {
+pub fn swarm() -> [(&'static str, Value); 3] {
     [
         (
             "down",
@@ -23,6 +24,19 @@ pub fn swarm() -> [(&'static str, Value); 2] {
                 json!({ "type": "number", "minimum": 0, "maximum": 10 }),
             ),
         ),
+        (
+            "ground",
+            table(
+                "With body physics: the ground.",
+                &[],
+                json!({
+                    "slope": said(
+                        &format!("The angle by which it rises towards +x, such as 10deg, {STEEPEST}deg at most. Default: 0deg."),
+                        text(),
+                    ),
+                }),
+            ),
+        ),
     ]
 }
 
@@ -34,6 +48,14 @@ pub fn walk() -> Value {
         json!({
             "for": said("The time for which the speed is held without a break.", of("time")),
             "speed_at_least": said("The least distance in 10 s by that time, such as 15mm/s.", text()),
+            "heading": said(
+                "The direction in which the distance counts, such as 45deg, from +x towards +y. Default: any.",
+                text(),
+            ),
+            "turn": said(
+                &format!("How fast the structure turns meanwhile, such as 5deg/s, counter-clockwise seen from above; {FASTEST_TURN}deg/s at most. The speed counts as the share of the turn that was reached. Default: any."),
+                text(),
+            ),
         }),
     )
 }
