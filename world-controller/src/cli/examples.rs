@@ -285,7 +285,7 @@ What each measures:
   flood   a million simulated modules propagate hop counts from a corner: processor time and memory
   growth  a slab of 100 to 10,000 simulated modules becomes a ball: time, moves, messages, and how they grow
   chairs  the thesis's chair with every strategy, on all processors: runs per second
-  gait    structures of 4 to 10 modules walk: simulated by processor time, messages, cost of learners
+  gait    structures of 4 to 10 modules walk: how fast they are simulated, messages, learners
   wire    round trips and throughput of 64 bytes between two processes, beside bare iceoryx2, a Unix
           socket, a pipe and TCP
   swarm   100 to 5,000 processes: starting, exchanging, memory, idling

@@ -45,8 +45,8 @@ Examples:
   metamorph learn quad5-sym --dead 2 --from gait.json      learn again after a module died
   metamorph learn quad5-sym --seeds 1..21 --network fo --json - | jq .best.fitness_mm_s
 
-A structure is a file, or one of quad5-sym, quad5-unsym, quad9 and tripod4. A ring needs a file, with
-joint angles that close it.
+A structure is a file, or one of quad5-sym, quad5-unsym, quad9 and tripod4. A ring needs a file,
+with joint angles that close it.
 `metamorph schema gait` describes gait files. A gait file and the JSON output are the same.
 
 Exit codes:
