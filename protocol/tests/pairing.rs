@@ -293,6 +293,11 @@ fn random_structures_are_repaired_whatever_their_order() {
         assert_eq!(again.reasons(), pairing.reasons(), "{context}");
         assert_eq!(again.repairs(Allowed::Any), pairing.repairs(Allowed::Any), "{context}");
         assert_eq!(again.split(Footing::Free), pairing.split(Footing::Free), "{context}");
+        kept_modules_stay(&pairing, &context);
+        let ended =
+            (pairing.repairs_while(Allowed::Any, &|| false), pairing.split_while(Footing::Free, &|| false));
+        let is_refuted = matches!(pairing.split(Footing::Free), Split::No(_));
+        assert!(ended.0.is_empty() && (is_refuted || ended.1 == Split::Undecided), "{context}: {ended:?}");
         let nodes = Nodes::of(&pairing);
         assert_eq!(
             nodes.most_pairs(),
@@ -326,6 +331,25 @@ fn splits_are_valid_and_found_where_the_exact_search_finds_one() {
         }
     }
     assert!(found > 20 && refuted > 20, "{found} {refuted}");
+}
+
+/// A cell that goes away takes its module and at most as many others as one path of exchange changes; what has a partner
+/// stays a maximum.
+fn kept_modules_stay(pairing: &Pairing, context: &str) {
+    let (kept, over) = pairing.keeping(&pairing.pairs());
+    assert_eq!((kept, over.len()), (pairing.pairs(), pairing.unpaired()), "{context}: nothing has changed");
+    let Some(last) = pairing.cells().last() else { return };
+    let fewer: Vec<Cell> = pairing.cells().filter(|c| *c != last).collect();
+    if let Ok(smaller) = Pairing::of(&fewer) {
+        let (kept, over) = smaller.keeping(&pairing.pairs());
+        let covered: BTreeSet<Cell> = kept.iter().flatten().copied().collect();
+        assert_eq!(
+            (covered.len(), over.len()),
+            (fewer.len() - smaller.unpaired(), smaller.unpaired()),
+            "{context}"
+        );
+        assert!(kept.iter().all(|[a, b]| a.face_to(*b).is_some()), "{context}: a pair shares no face");
+    }
 }
 
 fn check_split(cells: &[Cell], chains: &[[Cell; 4]], footing: Footing, seed: u64) {

@@ -3,6 +3,8 @@
 //! The cell that the fewest pieces can still cover is covered next, as in Knuth's algorithm X. The piece is chosen in
 //! the order of the pieces, so that the same input gives the same answer.
 
+use super::Going;
+
 /// The result of a search.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Cover {
@@ -27,10 +29,12 @@ struct Search<'a, const N: usize> {
     chosen: Vec<u32>,
     /// Choices that may still be tried.
     left: u64,
+    going: Going<'a>,
 }
 
-/// Searches for a cover of `cells` cells. `limit` is the number of choices that it tries.
-pub fn cover<const N: usize>(cells: usize, pieces: &[[u32; N]], limit: u64) -> Cover {
+/// Searches for a cover of `cells` cells. `limit` is the number of choices that it tries, and `going` is asked before each
+/// whether to go on.
+pub fn cover<const N: usize>(cells: usize, pieces: &[[u32; N]], limit: u64, going: Going<'_>) -> Cover {
     let mut of = vec![Vec::new(); cells];
     for (i, piece) in pieces.iter().enumerate() {
         for cell in piece {
@@ -39,7 +43,7 @@ pub fn cover<const N: usize>(cells: usize, pieces: &[[u32; N]], limit: u64) -> C
     }
     let open = of.iter().map(|p: &Vec<u32>| p.len() as u32).collect();
     let (blocked, covered) = (vec![0; pieces.len()], vec![false; cells]);
-    let mut search = Search { pieces, of, blocked, open, covered, chosen: Vec::new(), left: limit };
+    let mut search = Search { pieces, of, blocked, open, covered, chosen: Vec::new(), left: limit, going };
     match search.run() {
         Some(true) => {
             let mut chosen: Vec<usize> = search.chosen.iter().map(|p| *p as usize).collect();
@@ -61,7 +65,7 @@ impl<const N: usize> Search<'_, N> {
             if self.blocked[piece as usize] > 0 {
                 continue;
             }
-            self.left = self.left.checked_sub(1)?;
+            self.left = self.left.checked_sub(1).filter(|_| (self.going)())?;
             self.choose(piece, true);
             if self.run()? {
                 return Some(true);
@@ -102,8 +106,8 @@ mod tests {
     #[test]
     fn covers_are_found_refuted_and_given_up() {
         let pieces = [[0, 1], [1, 2], [2, 3]];
-        assert_eq!(cover(4, &pieces, 100), Cover::Found(vec![0, 2]));
-        assert_eq!(cover(3, &pieces[..2], 100), Cover::None);
-        assert_eq!(cover(4, &pieces, 1), Cover::Undecided);
+        assert_eq!(cover(4, &pieces, 100, &|| true), Cover::Found(vec![0, 2]));
+        assert_eq!(cover(3, &pieces[..2], 100, &|| true), Cover::None);
+        assert_eq!(cover(4, &pieces, 1, &|| true), Cover::Undecided);
     }
 }

@@ -92,6 +92,15 @@ impl Matching {
         let all = self.faces.iter().map(move |f| neighbours[f.index()]);
         all.filter(move |n| *n != NONE && self.present[*n as usize])
     }
+    /// Pairs two neighbours, if both are present and have no partner.
+    pub fn pair(&mut self, around: &Surroundings, a: u32, b: u32) {
+        let [i, j] = [a as usize, b as usize];
+        let open = |k: usize| self.present[k] && self.mate[k] == NONE;
+        if open(i) && open(j) && around.neighbours[i].contains(&b) {
+            (self.mate[i], self.mate[j]) = (b, a);
+        }
+    }
+
     /// Drops the marks of earlier searches.
     pub fn forget(&mut self) {
         self.search += 1;

@@ -29,6 +29,9 @@ use thiserror::Error;
 /// The largest number of cells of a structure that is analysed.
 pub const MAX_CELLS: usize = 200_000;
 
+/// Is asked in the course of a long search whether to go on.
+pub type Going<'a> = &'a dyn Fn() -> bool;
+
 /// No cell.
 const NONE: u32 = u32::MAX;
 
@@ -168,8 +171,11 @@ impl Pairing {
     }
     /// Returns the pairs, each with its smaller cell first.
     pub fn pairs(&self) -> Vec<[Cell; 2]> {
+        self.named_pairs(&self.matching)
+    }
+    fn named_pairs(&self, matching: &Matching) -> Vec<[Cell; 2]> {
         let cells = &self.around.cells;
-        let mates = self.matching.mates().iter().enumerate();
+        let mates = matching.mates().iter().enumerate();
         mates
             .filter(|(i, mate)| **mate != NONE && *i < **mate as usize)
             .map(|(i, mate)| [cells[i], cells[*mate as usize]])
@@ -178,6 +184,19 @@ impl Pairing {
     /// Returns the cells that this pairing leaves over.
     pub fn left_over(&self) -> Vec<Cell> {
         self.matching.unpaired().map(|i| self.around.cells[i as usize]).collect()
+    }
+    /// Returns a maximum matching that has as many of these pairs as alternating searches leave, and the cells that it
+    /// leaves over: what is shown does not jump about while cells are drawn. Pairs that do not fit are passed over.
+    pub fn keeping(&self, pairs: &[[Cell; 2]]) -> (Vec<[Cell; 2]>, Vec<Cell>) {
+        let around = &self.around;
+        let mut matching = Matching::new(around);
+        for [a, b] in pairs {
+            if let (Some(i), Some(j)) = (around.index(*a), around.index(*b)) {
+                matching.pair(around, i, j);
+            }
+        }
+        matching.complete(around, Face::ALL, None);
+        (self.named_pairs(&matching), matching.unpaired().map(|i| around.cells[i as usize]).collect())
     }
     /// Counts the cells of each colour. Unequal counts are the simplest reason why cells stay left over.
     pub fn colours(&self) -> Colours {

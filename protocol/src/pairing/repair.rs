@@ -9,7 +9,7 @@
 
 use super::matching::Matching;
 use super::symmetry::Symmetry;
-use super::{NONE, Pairing, Surroundings, key};
+use super::{Going, NONE, Pairing, Surroundings, key};
 use crate::lattice::{Cell, Face};
 use petgraph::algo::articulation_points::articulation_points;
 use petgraph::graph::NodeIndex;
@@ -114,6 +114,14 @@ struct Candidate {
     cost: u32,
 }
 
+/// A search for orbits of cells that are changed together.
+struct Orbits<'a> {
+    orbits: &'a [Vec<Candidate>],
+    /// Sets that may still be tried.
+    left: usize,
+    going: Going<'a>,
+}
+
 impl Repair {
     /// Returns the cells after the changes, ascending.
     pub fn apply(&self, cells: impl IntoIterator<Item = Cell>) -> Vec<Cell> {
@@ -132,6 +140,11 @@ impl Pairing {
     /// Returns up to five different repairs, the preferred one first; none if no cell is left over. All have
     /// [`Pairing::unpaired`] changes, except that a symmetric one may have two more.
     pub fn repairs(&self, allowed: Allowed) -> Vec<Repair> {
+        self.repairs_while(allowed, &|| true)
+    }
+
+    /// Returns the repairs as [`Pairing::repairs`] does, but for those that are not found before `going` returns false.
+    pub fn repairs_while(&self, allowed: Allowed, going: Going<'_>) -> Vec<Repair> {
         if self.unpaired() == 0 {
             return Vec::new();
         }
@@ -146,16 +159,17 @@ impl Pairing {
             }
         };
         let additions: Vec<Candidate> = only(false).collect();
-        let first = self.cheapest(Choice::Additions, &additions);
+        let first = self.cheapest(Choice::Additions, &additions, going);
         let forbidden = first.as_ref().and_then(|r| r.changes.first().copied());
         if allowed != Allowed::Remove {
             offer(first);
         }
         if allowed == Allowed::Any {
-            offer(self.cheapest(Choice::Mixture, &all));
+            offer(self.cheapest(Choice::Mixture, &all, going));
         }
         if allowed != Allowed::Add {
-            offer(self.cheapest(Choice::Removals, &only(true).collect::<Vec<_>>()));
+            let removals: Vec<Candidate> = only(true).collect();
+            offer(self.cheapest(Choice::Removals, &removals, going));
         }
         let of_allowed = |c: &Candidate| match allowed {
             Allowed::Add => !c.change.removes(),
@@ -163,11 +177,11 @@ impl Pairing {
             Allowed::Any => true,
         };
         let orbits = all.iter().copied().filter(of_allowed).collect::<Vec<_>>();
-        offer(self.symmetric(&symmetries, &orbits));
+        offer(self.symmetric(&symmetries, &orbits, going));
         if allowed != Allowed::Remove {
             let others: Vec<Candidate> =
                 additions.into_iter().filter(|c| Some(c.change) != forbidden).collect();
-            offer(self.cheapest(Choice::NextAdditions, &others));
+            offer(self.cheapest(Choice::NextAdditions, &others, going));
         }
         repairs
     }
@@ -185,7 +199,7 @@ impl Pairing {
             })
             .collect();
         sort(&mut candidates);
-        let (chosen, _) = self.greedy(&candidates)?;
+        let (chosen, _) = self.greedy(&candidates, &|| true)?;
         Some((chosen.iter().map(|c| c.cost).sum(), chosen.iter().map(|c| c.change).collect()))
     }
 
@@ -219,12 +233,12 @@ impl Pairing {
     }
 
     /// Takes each change that lowers the number left over, in order, until none is left over.
-    fn greedy(&self, candidates: &[Candidate]) -> Option<(Vec<Candidate>, Matching)> {
+    fn greedy(&self, candidates: &[Candidate], going: Going<'_>) -> Option<(Vec<Candidate>, Matching)> {
         let mut matching = self.matching.clone();
         let mut chosen = Vec::new();
         matching.forget();
         for candidate in candidates {
-            if chosen.len() == self.unpaired() {
+            if chosen.len() == self.unpaired() || !going() {
                 break;
             }
             if change(&mut matching, &self.around, candidate) {
@@ -235,22 +249,25 @@ impl Pairing {
         (chosen.len() == self.unpaired()).then_some((chosen, matching))
     }
 
-    fn cheapest(&self, choice: Choice, candidates: &[Candidate]) -> Option<Repair> {
-        let (chosen, matching) = self.greedy(candidates)?;
+    fn cheapest(&self, choice: Choice, candidates: &[Candidate], going: Going<'_>) -> Option<Repair> {
+        let (chosen, matching) = self.greedy(candidates, going)?;
         let (chosen, cheapest) = match is_connected(&self.around, matching.present()) {
             true => (chosen, Cheapest::Proven),
-            false => (self.one_at_a_time(candidates)?, Cheapest::Heuristic),
+            false => (self.one_at_a_time(candidates, going)?, Cheapest::Heuristic),
         };
         Some(repair(choice, &chosen, cheapest))
     }
 
     /// Takes the cheapest change that lowers the number left over and keeps the structure connected, again and
     /// again. A removal of that kind always exists.
-    fn one_at_a_time(&self, candidates: &[Candidate]) -> Option<Vec<Candidate>> {
+    fn one_at_a_time(&self, candidates: &[Candidate], going: Going<'_>) -> Option<Vec<Candidate>> {
         let around = &self.around;
         let mut matching = self.matching.clone();
         let mut chosen: Vec<Candidate> = Vec::new();
         while chosen.len() < self.unpaired() {
+            if !going() {
+                return None;
+            }
             let cuts = articulation_points(&around.graph(matching.present()));
             let free = matching.free(around);
             let beside = |cell: u32, of: &dyn Fn(usize) -> bool| {
@@ -271,7 +288,12 @@ impl Pairing {
 
     /// Searches for changes that keep every symmetry: orbits of cells are changed together. Bounded, so that a repair
     /// may be missed.
-    fn symmetric(&self, symmetries: &[Symmetry], candidates: &[Candidate]) -> Option<Repair> {
+    fn symmetric(
+        &self,
+        symmetries: &[Symmetry],
+        candidates: &[Candidate],
+        going: Going<'_>,
+    ) -> Option<Repair> {
         if symmetries.is_empty() {
             return None;
         }
@@ -279,10 +301,12 @@ impl Pairing {
         let mut left = MAX_TRIED.min(MAX_LOOKED_AT / self.around.cells.len().max(1));
         for size in [self.unpaired(), self.unpaired() + 2] {
             let mut chosen = Vec::new();
-            if self.extend(&orbits, size, &self.matching, &mut chosen, &mut left) {
+            let mut search = Orbits { orbits: &orbits, left, going };
+            if self.extend(&mut search, size, &self.matching, &mut chosen) {
                 let changes: Vec<Candidate> = chosen.into_iter().flat_map(|o| orbits[o].clone()).collect();
                 return Some(repair(Choice::Symmetric, &changes, Cheapest::Heuristic));
             }
+            left = search.left;
         }
         None
     }
@@ -312,21 +336,21 @@ impl Pairing {
     /// the number left over by one at most, which cuts the search.
     fn extend(
         &self,
-        orbits: &[Vec<Candidate>],
+        search: &mut Orbits<'_>,
         size: usize,
         matching: &Matching,
         chosen: &mut Vec<usize>,
-        left: &mut usize,
     ) -> bool {
         if size == 0 {
             return matching.unpaired().next().is_none() && is_connected(&self.around, matching.present());
         }
         let first = chosen.last().map_or(0, |last| last + 1);
-        for (i, orbit) in orbits.iter().enumerate().skip(first).filter(|(_, orbit)| orbit.len() <= size) {
-            if *left == 0 {
+        let orbits = search.orbits.iter().enumerate().skip(first);
+        for (i, orbit) in orbits.filter(|(_, orbit)| orbit.len() <= size) {
+            if search.left == 0 || !(search.going)() {
                 return false;
             }
-            *left -= 1;
+            search.left -= 1;
             let mut changed = matching.clone();
             for candidate in orbit {
                 changed.toggle(candidate.index);
@@ -336,7 +360,7 @@ impl Pairing {
                 continue;
             }
             chosen.push(i);
-            if self.extend(orbits, size - orbit.len(), &changed, chosen, left) {
+            if self.extend(search, size - orbit.len(), &changed, chosen) {
                 return true;
             }
             chosen.pop();

@@ -6,7 +6,7 @@
 
 use super::exact_cover::{Cover, cover};
 use super::matching::Matching;
-use super::{NONE, Pairing};
+use super::{Going, NONE, Pairing};
 use crate::lattice::{Cell, Face};
 use crate::rng::Rng;
 use petgraph::algo::maximum_matching;
@@ -66,6 +66,11 @@ pub enum NoSplit {
 impl Pairing {
     /// Splits the structure into chains.
     pub fn split(&self, footing: Footing) -> Split {
+        self.split_while(footing, &|| true)
+    }
+
+    /// Splits the structure into chains; undecided once `going` returns false.
+    pub fn split_while(&self, footing: Footing, going: Going<'_>) -> Split {
         if let Some(reason) = self.no_split(footing) {
             return Split::No(reason);
         }
@@ -74,15 +79,22 @@ impl Pairing {
             return Split::Undecided;
         }
         for attempt in 0..DRAWN {
+            if !going() {
+                return Split::Undecided;
+            }
             if let Some(chains) = self.chains(&self.drawn_pairs(footing, attempt), footing) {
                 return Split::Yes(chains);
             }
         }
-        self.exact_split(footing)
+        self.exact_split_while(footing, going)
     }
 
     /// Searches for a split by exact cover alone, within its limit.
     pub fn exact_split(&self, footing: Footing) -> Split {
+        self.exact_split_while(footing, &|| true)
+    }
+
+    fn exact_split_while(&self, footing: Footing, going: Going<'_>) -> Split {
         if let Some(reason) = self.no_split(footing) {
             return Split::No(reason);
         }
@@ -92,7 +104,7 @@ impl Pairing {
         let chains = self.all_chains(footing);
         let index: BTreeMap<u32, u32> = self.drawn().zip(0..).collect();
         let pieces: Vec<[u32; 4]> = chains.iter().map(|chain| chain.map(|cell| index[&cell])).collect();
-        match cover(index.len(), &pieces, MAX_CHOICES) {
+        match cover(index.len(), &pieces, MAX_CHOICES, going) {
             Cover::Found(chosen) => {
                 Split::Yes(chosen.into_iter().map(|c| self.named(chains[c], footing)).collect())
             }
