@@ -33,7 +33,11 @@ pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-fn must_be_regular(kind: FileType) -> io::Result<()> {
+/// Refuses all kinds of files but regular ones.
+///
+/// # Errors
+/// If it is another one, with its name.
+pub fn must_be_regular(kind: FileType) -> io::Result<()> {
     let name = match kind {
         _ if kind.is_file() => return Ok(()),
         _ if kind.is_dir() => "a directory",

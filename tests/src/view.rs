@@ -61,6 +61,10 @@ impl View {
             found.expect("the address is printed")
         };
         view.address = address();
+        // The studio has one address, with the secret.
+        if let Some((page, secret)) = view.address.clone().split_once("#c=") {
+            (view.address, view.secret) = (page.to_owned(), secret.to_owned());
+        }
         if args.contains(&"--control") {
             let (looking, secret) =
                 address().split_once("#c=").map(|(a, b)| (a.to_owned(), b.to_owned())).unwrap();
@@ -118,9 +122,14 @@ impl View {
 
     /// Returns the answer to commands, with everything that a page of this server would say.
     pub fn post(&self, body: &str) -> (u16, serde_json::Value) {
+        self.post_to("command", body)
+    }
+
+    /// Returns the answer to a request of a path below the token, with everything that a page of this server would say.
+    pub fn post_to(&self, path: &str, body: &str) -> (u16, serde_json::Value) {
         let (host, root) = self.parts();
         let (status, answer) = self.raw(&format!(
-            "POST {root}command HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nSec-Fetch-Site: same-origin\r\n\
+            "POST {root}{path} HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nSec-Fetch-Site: same-origin\r\n\
              Content-Type: application/json\r\nAuthorization: Bearer {}\r\nContent-Length: {}\r\n\
              Connection: close\r\n\r\n{body}",
             self.secret,

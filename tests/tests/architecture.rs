@@ -169,6 +169,7 @@ const LAYERS: [(&str, &[&str]); 4] = [
             "experiments",
             "learn",
             "pointing",
+            "studio",
             "cli",
         ],
     ),

@@ -18,7 +18,7 @@ use std::process::{Command, Stdio};
 const WATCHDOG: &str = "180";
 
 /// Beginnings of commands that are not run, and why. Those of `metamorph` must still have valid arguments.
-const EXCEPTIONS: [(&str, &str); 26] = [
+const EXCEPTIONS: [(&str, &str); 27] = [
     ("cargo install", "needs a release build; deploy/package.sh tries the program elsewhere"),
     ("podman", "needs a container engine; deploy/package.sh starts the image by buildah"),
     ("cargo test", "runs all tests, of which this is one"),
@@ -41,6 +41,7 @@ const EXCEPTIONS: [(&str, &str); 26] = [
     ),
     ("metamorph run session.toml", "needs that export; tests/tests/commands.rs runs it"),
     ("metamorph view", "serves until it is interrupted; tests/tests/view_server.rs runs it"),
+    ("metamorph studio", "serves until it is interrupted; tests/tests/studio.rs starts it"),
     ("metamorph check my.toml", "a file of the reader"),
     ("metamorph diff results others", "sweeps of the reader"),
     ("metamorph diff forest cycles   ", "sweeps of the reader"),

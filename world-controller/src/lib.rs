@@ -8,7 +8,7 @@
 //! `family` holds what belongs to one family of modules, and the list of them; `plan` plans for free modules;
 //! `gait` has gait files and learners; `room` has rooms of furniture; `structure` analyses their body and limbs;
 //! `experiments` carries out many runs; `learn` learns gaits; `pointing` finds the tile that a
-//! person points at; `cli` is the command line.
+//! person points at; `studio` has the editor of drawings; `cli` is the command line.
 //!
 //! Absent: decisions of the protocol, which are in `protocol`, and ground truth about the world, which
 //! is in `sim-bridge`.
@@ -28,5 +28,6 @@ pub mod room;
 pub mod run;
 pub mod scenario;
 pub mod structure;
+pub mod studio;
 pub mod swarm;
 pub mod view;

@@ -35,6 +35,7 @@ use crate::run::replay;
 use crate::scenario::mesh_import::shape::{ShapeArgs, shape};
 use crate::scenario::plan_summary::overview;
 use crate::structure::{self, StructureArgs};
+use crate::studio::{self, StudioArgs};
 use crate::view::export::commands::export_commands;
 use crate::view::export::{ExportArgs, export};
 use clap::{ArgAction, Parser, Subcommand};
@@ -112,6 +113,9 @@ pub enum Command {
     /// Convert a solid to cells, write it as a scenario, or pair the cells to modules
     #[command(after_help = SHAPE_EXAMPLES)]
     Shape(ShapeArgs),
+    /// Draw a structure of cubes in the browser, see which modules it becomes, start it, command it
+    #[command(after_help = studio::EXAMPLES)]
+    Studio(StudioArgs),
     /// Check what of this machine limits a swarm of processes, and how to raise it
     #[command(after_help = DOCTOR_EXAMPLES)]
     Doctor(DoctorArgs),
@@ -194,6 +198,7 @@ pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Res
         Command::Room(args) => Ok(room::room(&args)?),
         Command::Explore(args) => Ok(explore(&args.into())?),
         Command::Bench(args) => Ok(bench::bench(&args.into())?),
+        Command::Studio(args) => Ok(studio::studio(&args, interrupt)?),
         Command::Doctor(args) => Ok(doctor(&args)),
         Command::Clean(args) => {
             print_out(&processes::clean_up()?);

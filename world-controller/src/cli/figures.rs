@@ -212,7 +212,7 @@ fn simulated(args: &RenderArgs, since: Stopwatch, interrupt: &Interrupt) -> Resu
         live.show(|| progress(&plan, now, &so_far()));
         until.is_none_or(|until| now <= until) && !interrupt.is_set()
     };
-    let page = PageChannels { scribe, control: None };
+    let page = PageChannels { scribe, ..PageChannels::default() };
     let simulation = Simulation { since, watch: &mut watch, keeping: None, page, search: false };
     let (report, _) = family::of(&plan).simulate(&plan, simulation);
     live.clear();

@@ -7,11 +7,10 @@ use crate::console::output::{Json, OutputError, Outputs};
 use crate::console::terminal::Channel;
 use crate::scenario::mesh_import::drawing;
 use crate::scenario::mesh_import::shape::{RepairArg, ShapeArgs, ShapeError, describe, read};
+use crate::studio::analysis::Analysis;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::MAX_SEEDS;
-use metamorph_protocol::pairing::reason::Reason;
-use metamorph_protocol::pairing::repair::{Allowed, Change, Cheapest, Repair};
-use metamorph_protocol::pairing::split::{Footing, MAX_SPLIT, NoSplit, Split};
+use metamorph_protocol::pairing::repair::{Allowed, Change, Cheapest};
 use metamorph_protocol::pairing::{Colours, Pairing, PairingError};
 use serde::Serialize;
 use std::fmt::Write;
@@ -75,67 +74,8 @@ struct Answer {
     version: &'static str,
     file: String,
     cells: Vec<Cell>,
-    pairs: Vec<[Cell; 2]>,
-    /// The cells that these pairs leave over.
-    unpaired: Vec<Cell>,
-    /// The number of cells that every pairing leaves over at least.
-    d: usize,
     #[serde(flatten)]
-    colours: Colours,
-    /// The cells that some best pairing leaves over.
-    free: Vec<Cell>,
-    /// The neighbours of `free`.
-    touch: Vec<Cell>,
-    reasons: Vec<Reason>,
-    repairs: Vec<Repair>,
-    split: Option<Splits>,
-}
-
-/// The splits into chains of four cells.
-#[derive(Debug, Serialize)]
-struct Splits {
-    /// Chains anywhere.
-    free: SplitAnswer,
-    /// Chains with an end in the lowest layer, as seeds of metamodules have.
-    standing: SplitAnswer,
-}
-
-#[derive(Debug, Serialize)]
-struct SplitAnswer {
-    answer: &'static str,
-    reason: Option<String>,
-    chains: Vec<[Cell; 4]>,
-}
-
-impl SplitAnswer {
-    fn of(pairing: &Pairing, footing: Footing) -> SplitAnswer {
-        let (answer, reason, chains) = match pairing.split(footing) {
-            Split::Yes(chains) => ("yes", None, chains),
-            Split::No(reason) => ("no", Some(why(&reason)), Vec::new()),
-            Split::Undecided => {
-                let limit =
-                    format!("the search has a limit; structures above {MAX_SPLIT} cells are not searched");
-                ("undecided", Some(limit), Vec::new())
-            }
-        };
-        SplitAnswer { answer, reason, chains }
-    }
-}
-
-fn why(reason: &NoSplit) -> String {
-    match reason {
-        NoSplit::Count(cells) => format!("{} cells are not a multiple of four", count(*cells as u64)),
-        NoSplit::Unpaired(cells) => format!("{} without a partner", many(*cells as u64, "cell")),
-        NoSplit::TooHigh(cell) => format!("the cell {cell} is more than three layers above the lowest one"),
-        NoSplit::TooFewFeet { feet, chains } => {
-            format!(
-                "the lowest layer has {} for {}",
-                many(*feet as u64, "cell"),
-                many(*chains as u64, "chain")
-            )
-        }
-        NoSplit::Exhausted => "every split was tried".to_owned(),
-    }
+    analysis: Analysis,
 }
 
 /// Analyses the cells of a file, prints the answer, and returns the exit code.
@@ -155,32 +95,20 @@ pub fn modules(args: &ShapeArgs) -> Result<u8, ModulesError> {
         RepairArg::Remove => Allowed::Remove,
         RepairArg::Any => Allowed::Any,
     };
-    let split = args.split.then(|| Splits {
-        free: SplitAnswer::of(&pairing, Footing::Free),
-        standing: SplitAnswer::of(&pairing, Footing::Floor),
-    });
     let answer = Answer {
         schema: SCHEMA,
         version: env!("CARGO_PKG_VERSION"),
         file: args.file.shown(),
         cells: pairing.cells().collect(),
-        pairs: pairing.pairs(),
-        unpaired: pairing.left_over(),
-        d: pairing.unpaired(),
-        colours: pairing.colours(),
-        free: pairing.free(),
-        touch: pairing.touched(),
-        reasons: pairing.reasons(),
-        repairs: pairing.repairs(allowed),
-        split,
+        analysis: Analysis::of(&pairing, Some(allowed), args.split, &|| true),
     };
     json.write(&answer)?;
     let mut shown = String::new();
     describe(&mut shown, &args.file, &imported);
-    text(&mut shown, &answer);
+    text(&mut shown, &answer.analysis);
     if let (Some(path), Some(file)) = (&args.write, written) {
-        let first = answer.repairs.first();
-        if answer.d == 0 || first.is_some() {
+        let first = answer.analysis.repairs.first();
+        if answer.analysis.d == 0 || first.is_some() {
             let cells = first.map_or_else(|| imported.cells.clone(), |r| r.apply(pairing.cells()));
             let name = args.file.file_stem().map(|n| n.to_string_lossy().into_owned());
             file.write(drawing::text(&portable(&args.file), name.as_deref(), &cells))?;
@@ -189,10 +117,10 @@ pub fn modules(args: &ShapeArgs) -> Result<u8, ModulesError> {
         }
     }
     Channel::beside(json.is_out(), false).say(&shown);
-    Ok(if answer.d == 0 { 0 } else { NOT_PAIRED })
+    Ok(if answer.analysis.d == 0 { 0 } else { NOT_PAIRED })
 }
 
-fn text(out: &mut String, answer: &Answer) {
+fn text(out: &mut String, answer: &Analysis) {
     let Colours { even, odd } = answer.colours;
     let _ = writeln!(out, "  colours   {} even, {} odd (x + y + z)", count(even as u64), count(odd as u64));
     let _ = writeln!(out, "  modules   {}", count(answer.pairs.len() as u64));

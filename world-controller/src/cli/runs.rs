@@ -20,9 +20,10 @@ use crate::run::processes::{self, Processes};
 use crate::scenario::shipped::is_scenario;
 use crate::scenario::{LinkKind, Overrides, Plan, quote};
 use crate::view::figure::request::{Command, Origin};
+use crate::view::http::ServerError;
 use crate::view::saved::Subject;
 use crate::view::scene_builder::Shared;
-use crate::view::server::{Server, ServerError};
+use crate::view::server::Server;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -163,7 +164,7 @@ impl Show {
     /// commands from the page, if it may give some.
     fn channels(&self, plan: &Plan) -> PageChannels {
         let scribe = self.scene.as_ref().map(|scene| family::of(plan).shown(plan).scribe(scene.clone()));
-        PageChannels { scribe, control: self.control.clone() }
+        PageChannels { scribe, control: self.control.clone(), ..PageChannels::default() }
     }
 
     fn end(self, plan: &Plan, report: &Report, journal: Option<&Path>) -> Result<u8, Failure> {
@@ -244,7 +245,7 @@ pub fn view(args: &ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<
     let subject = Subject::new(family::of(&plan).shown(&plan), origin(&plan, &args.file, &args.simulated));
     print_out(&address(&scene, subject, args.port, None)?);
     let scribe = Some(family::of(&plan).shown(&plan).scribe(scene.clone()));
-    let page = PageChannels { scribe, control: None };
+    let page = PageChannels { scribe, ..PageChannels::default() };
     let report = run_simulated(&plan, interrupt, &mut Live::new(true), since, None, page);
     scene.lock().finish(report);
     wait_for_end(interrupt);

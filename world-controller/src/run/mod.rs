@@ -5,6 +5,7 @@ pub mod replay;
 pub mod runnable;
 pub mod simulated;
 
+use crate::console::shutdown::Shutdown;
 use crate::control::SharedQueue;
 use metamorph_sim_bridge::kernel::recording::Log;
 
@@ -15,4 +16,6 @@ pub struct PageChannels {
     pub scribe: Option<Log>,
     /// Has the commands of operators, if the run can be controlled.
     pub control: Option<SharedQueue>,
+    /// Asks a run of processes to end.
+    pub shutdown: Shutdown,
 }

@@ -170,7 +170,7 @@ pub fn run<R: Runnable>(swarm: &R, plan: &Plan, processes: Processes<'_>) -> Res
     let mut world = swarm.world(plan);
     let mut options = options(swarm, plan, keeping.as_ref().and_then(JournalSession::parts))?;
     // Agents on several hosts end with their daemons.
-    options.control = page.control;
+    (options.control, options.shutdown) = (page.control, page.shutdown);
     options.patience = if keeping.is_some() && plan.link.hosts.is_none() { patience } else { Duration::ZERO };
     if let Some(HostsFile { addresses, keys, clock_error, timing, .. }) = hosts {
         let clock_error = clock_error.unwrap_or_default();

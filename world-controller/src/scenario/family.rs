@@ -10,6 +10,7 @@ use super::faults;
 use super::table::{Node, Section};
 use metamorph_protocol::defects::Defect;
 use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::Span;
 use metamorph_sim_bridge::director::faults::{Target, WorldFault};
 use serde_json::Value;
@@ -48,6 +49,10 @@ pub trait ScenarioFamily: Sync {
     fn faults(&self) -> &'static [&'static str] {
         faults::KINDS
     }
+    /// Returns the text of a scenario that builds drawn cells, or why there is none; `None` if it builds no cells.
+    fn scenario_of(&self, _drawing: &DrawnStructure<'_>) -> Option<Result<String, String>> {
+        None
+    }
     /// Returns the `[[fault]]` kinds of its own.
     fn world_faults(&self) -> &'static [WorldFaultKind] {
         &[]
@@ -65,6 +70,19 @@ pub trait ScenarioFamily: Sync {
         let faults = self.world_faults().iter().flat_map(|kind| [kind.begin, kind.end]);
         faults.chain(self.world_commands().iter().copied()).collect()
     }
+}
+
+/// A drawn structure that is to be built.
+#[derive(Clone, Copy, Debug)]
+pub struct DrawnStructure<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// Its cells, ascending; connected through faces.
+    pub cells: &'a [Cell],
+    /// Chains of four of its cells that cover it, each from its end in the lowest layer on; empty if there are none.
+    pub standing: &'a [[Cell; 4]],
+    /// Why there are none.
+    pub why_not_standing: Option<&'a str>,
 }
 
 /// A `[[fault]]` kind that only some families have: it hits the world rather than a module.

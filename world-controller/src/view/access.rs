@@ -5,8 +5,7 @@
 //! must be this server: a page of another origin that has guessed the port, or has pointed a name of its own
 //! at this machine (DNS rebinding), is refused.
 
-use super::control::Control;
-use hyper::header::{HOST, HeaderMap, ORIGIN};
+use hyper::header::{AUTHORIZATION, HOST, HeaderMap, ORIGIN};
 use hyper::{Method, StatusCode};
 use rustix::rand::{GetRandomFlags, getrandom};
 use std::fmt::Write;
@@ -106,23 +105,22 @@ impl AccessCheck {
         self.admit_any(headers, path)
     }
 
-    /// Checks a request that gives commands.
+    /// Checks a request that changes something, and returns the rest of its path, after the token.
     ///
     /// # Errors
     /// Returns the reason if the request is refused.
-    pub fn admit_commands(&self, control: &Control, headers: &HeaderMap, path: &str) -> Result<(), Refusal> {
+    pub fn admit_post<'a>(
+        &self,
+        secret: &Token,
+        headers: &HeaderMap,
+        path: &'a str,
+    ) -> Result<&'a str, Refusal> {
         let rest = self.admit_any(headers, path)?;
         // A browser states the origin of every such request. `none` is an address that was typed.
         let sites: Vec<_> = headers.get_all("sec-fetch-site").iter().collect();
         let is_stated = headers.get_all(ORIGIN).iter().count() == 1;
-        match rest {
-            "command" if !is_stated || sites.iter().any(|site| *site != "same-origin") => {
-                Err(Refusal::Secret)
-            }
-            "command" if control.is_authorized(headers) => Ok(()),
-            "command" => Err(Refusal::Secret),
-            _ => Err(Refusal::Method),
-        }
+        let is_ours = is_stated && sites.iter().all(|site| *site == "same-origin");
+        if is_ours && holds_secret(secret, headers) { Ok(rest) } else { Err(Refusal::Secret) }
     }
 
     /// Checks what all requests must state, and returns the rest of the path.
@@ -146,6 +144,13 @@ impl AccessCheck {
         let (token, rest) = path.strip_prefix('/').and_then(|p| p.split_once('/')).ok_or(Refusal::Token)?;
         if self.token.is(token) { Ok(rest) } else { Err(Refusal::Token) }
     }
+}
+
+/// Returns whether the headers of a request hold the secret.
+fn holds_secret(secret: &Token, headers: &HeaderMap) -> bool {
+    let mut all = headers.get_all(AUTHORIZATION).iter();
+    let given = all.next().and_then(|value| value.to_str().ok()).and_then(|v| v.strip_prefix("Bearer "));
+    all.next().is_none() && given.is_some_and(|given| secret.is(given))
 }
 
 #[cfg(test)]

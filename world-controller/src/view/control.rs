@@ -4,17 +4,16 @@
 //! secret is in the fragment of an address, which browsers send to no server and write into no log of requests.
 
 use super::access::Token;
+use super::http::{json_body, refused};
 use crate::console::stopwatch::Stopwatch;
 use crate::control::{Answer, Operators, Unreachable};
-use http_body_util::{BodyExt, Limited};
 use hyper::StatusCode;
 use hyper::body::Incoming;
-use hyper::header::{AUTHORIZATION, CONTENT_TYPE, HeaderMap};
+use hyper::header::HeaderMap;
 use metamorph_protocol::time::Time;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::io;
 use std::time::Duration;
 use tokio::sync::Mutex;
 use tokio::time::timeout;
@@ -23,8 +22,6 @@ use tokio::time::timeout;
 const VERSION: u16 = 1;
 /// Largest size of the body of a request, in bytes.
 const MAX_BODY: usize = 64 << 10;
-/// Time limit for the body of a request.
-const BODY: Duration = Duration::from_secs(3);
 /// How long a request waits for the run before it is answered as pending.
 const RUN: Duration = Duration::from_secs(2);
 /// How long a session keeps the control that it does not use.
@@ -104,44 +101,22 @@ pub struct Control {
 
 type Response = (StatusCode, Value);
 
-fn refused(status: StatusCode, why: &str) -> Response {
-    (status, json!({ "result": "refused", "why": why }))
-}
-
 impl Control {
-    /// Creates the channel to a run, with a new secret.
-    ///
-    /// # Errors
-    /// If the system has no random bytes.
-    pub fn new(operators: Operators) -> io::Result<Control> {
-        let (secret, since) = (Token::random()?, Stopwatch::start());
-        Ok(Control { secret, operators, since, sessions: Mutex::default() })
+    /// Creates the channel to a run.
+    pub fn new(secret: Token, operators: Operators) -> Control {
+        Control { secret, operators, since: Stopwatch::start(), sessions: Mutex::default() }
     }
 
-    /// Returns the secret, for the printed address.
-    pub fn secret(&self) -> &str {
-        self.secret.text()
-    }
-
-    /// Returns whether the headers of a request hold the secret.
-    pub fn is_authorized(&self, headers: &HeaderMap) -> bool {
-        let mut all = headers.get_all(AUTHORIZATION).iter();
-        let given = all.next().and_then(|value| value.to_str().ok()).and_then(|v| v.strip_prefix("Bearer "));
-        all.next().is_none() && given.is_some_and(|given| self.secret.is(given))
+    /// Returns the secret that requests must hold.
+    pub fn secret(&self) -> &Token {
+        &self.secret
     }
 
     /// Answers an authorized request.
     pub async fn answer(&self, headers: &HeaderMap, body: Incoming) -> Response {
-        if headers.get(CONTENT_TYPE).is_none_or(|kind| kind != "application/json") {
-            return refused(StatusCode::UNSUPPORTED_MEDIA_TYPE, "the body must be application/json");
-        }
-        let body = match timeout(BODY, Limited::new(body, MAX_BODY).collect()).await {
-            Err(_) => return refused(StatusCode::REQUEST_TIMEOUT, "the body took too long"),
-            Ok(Err(_)) => {
-                let why = format!("the body is unreadable or longer than {MAX_BODY} bytes");
-                return refused(StatusCode::PAYLOAD_TOO_LARGE, &why);
-            }
-            Ok(Ok(body)) => body.to_bytes(),
+        let body = match json_body(headers, body, MAX_BODY).await {
+            Ok(body) => body,
+            Err(refused) => return refused,
         };
         let posted = match Posted::read(&body) {
             Ok(posted) => posted,

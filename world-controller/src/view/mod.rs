@@ -4,7 +4,7 @@
 //! records of a run in progress, on either link, or from its journal. `visible` is what a family implements
 //! to be shown; `parts` are rigid parts of bodies and their motions; `bodies` holds those of a swarm.
 //! `figure` draws moments of a run without a browser; `saved` draws those that the page saves. `access` checks
-//! requests; `server` serves the scene and the page, which is in the program (`page/`, plain JavaScript, no build
+//! requests, `http` answers them; `server` has the scene and the page, which is in the program (`page/`, plain JavaScript, no build
 //! step).
 //!
 //! The page only looks, unless the run was started with `--control`: then `control` takes commands from a page that holds
@@ -16,6 +16,7 @@ pub mod bodies;
 pub mod control;
 pub mod export;
 pub mod figure;
+pub mod http;
 pub mod parts;
 pub mod saved;
 pub mod scene;

@@ -2,6 +2,7 @@
 
 mod bounds;
 mod describe;
+mod drawn;
 mod generate;
 pub mod generated;
 mod judge;
@@ -16,7 +17,9 @@ use crate::family::{ExploredFamily, FamilyParts};
 use crate::scenario::Plan;
 use crate::scenario::diagnostics::Diagnostics;
 use crate::scenario::error::ScenarioError;
-use crate::scenario::family::{FamilySchema, RawSwarm, ScenarioFamily, Sections, Swarm, SwarmPlan, Words};
+use crate::scenario::family::{
+    DrawnStructure, FamilySchema, RawSwarm, ScenarioFamily, Sections, Swarm, SwarmPlan, Words,
+};
 use crate::scenario::table::Section;
 use metamorph_protocol::cube::params::{Connectivity, Setup};
 use metamorph_protocol::defects::Defect;
@@ -47,6 +50,9 @@ impl ScenarioFamily for CubeFamily {
     }
     fn schema(&self) -> FamilySchema {
         schema::schema()
+    }
+    fn scenario_of(&self, drawing: &DrawnStructure<'_>) -> Option<Result<String, String>> {
+        Some(drawn::scenario(drawing))
     }
 }
 

@@ -3,6 +3,7 @@
 pub mod assembly;
 mod bounds;
 mod describe;
+mod drawn;
 mod elements;
 mod error;
 mod faults;
@@ -27,7 +28,7 @@ use crate::scenario::Plan;
 use crate::scenario::diagnostics::Diagnostics;
 use crate::scenario::error::ScenarioError;
 use crate::scenario::family::{
-    FamilySchema, RawSwarm, ScenarioFamily, Sections, Swarm, SwarmPlan, Words, WorldFaultKind,
+    DrawnStructure, FamilySchema, RawSwarm, ScenarioFamily, Sections, Swarm, SwarmPlan, Words, WorldFaultKind,
 };
 use crate::scenario::table::Section;
 use error::MetamoduleError;
@@ -66,6 +67,9 @@ impl ScenarioFamily for MetamoduleFamily {
     }
     fn report_part(&self) -> Option<(&'static str, serde_json::Value)> {
         Some((report::KEY, report::schema()))
+    }
+    fn scenario_of(&self, drawing: &DrawnStructure<'_>) -> Option<Result<String, String>> {
+        Some(drawn::scenario(drawing))
     }
     fn world_faults(&self) -> &'static [WorldFaultKind] {
         faults::WORLD_FAULTS

@@ -12,7 +12,7 @@
 pub mod drawing;
 pub mod error;
 mod mesh;
-mod preview;
+pub mod preview;
 pub mod printability;
 pub mod shape;
 mod visiblesim;

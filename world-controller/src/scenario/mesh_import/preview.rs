@@ -3,6 +3,7 @@
 use super::printability::corners;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::lattice::{Cell, Face};
+use metamorph_protocol::shape::Shape;
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
@@ -11,6 +12,9 @@ const WIDEST: usize = 110;
 const LONGEST: usize = 400;
 /// The maximum number of layers of the start slab; the slab is made wide enough for that.
 const THICKEST: usize = 3;
+
+/// Spare modules in a written scenario, in percent of the goal cells.
+const SPARE: usize = 10;
 
 /// Returns the layers from lowest to highest, north at the top; `None` if they are too large.
 pub fn layers(cells: &[Cell]) -> Option<String> {
@@ -87,9 +91,17 @@ pub fn slab(goal: &[Cell], modules: usize) -> Option<(Cell, Cell)> {
     Some((min, max))
 }
 
+/// Returns the cells of modules that build a goal: a slab on its floor, with some spare ones.
+pub fn start(goal: &[Cell]) -> Vec<Cell> {
+    let modules = goal.len() + goal.len() * SPARE / 100 + 1;
+    let slab = slab(goal, modules).map(|(min, max)| Shape::Box { min, max }.cells());
+    // A slab has cells; reading the scenario reports one out of range.
+    slab.and_then(Result::ok).unwrap_or_default()
+}
+
 /// The contents of a scenario to be written.
 pub struct Written<'a> {
-    /// Its origin, as text.
+    /// Where it comes from, for its first line.
     pub origin: &'a str,
     /// Its name.
     pub name: &'a str,
@@ -109,7 +121,7 @@ pub fn scenario(written: &Written<'_>) -> String {
         Growth::Solid => "solid",
     };
     format!(
-        "# Written by `metamorph shape` from {}.\nversion = 1\nname = {}\n\n[swarm]\n\n[swarm.start]\n{}\n\
+        "# Written by `metamorph {}.\nversion = 1\nname = {}\n\n[swarm]\n\n[swarm.start]\n{}\n\
          [[goal]]\nname = {}\ngrowth = \"{growth}\"\n\n[goal.shape]\n{}",
         written.origin.chars().map(|c| if c.is_control() { ' ' } else { c }).collect::<String>(),
         text(written.name),

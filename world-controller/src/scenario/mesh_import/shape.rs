@@ -15,15 +15,12 @@ use crate::scenario::{LinkKind, Overrides, read_text};
 use clap::{Args, ValueEnum};
 use metamorph_protocol::goal::{Goal, Growth};
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::shape::Shape;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// Default length of the longest side in cells.
 const CELLS: u16 = 16;
-/// Spare modules in a written scenario, in percent of the goal cells.
-const SPARE: usize = 10;
 
 /// Arguments of `shape`.
 #[derive(Debug, Args)]
@@ -256,16 +253,12 @@ fn scenario(
 ) -> Result<String, ShapeError> {
     let part = |part| import(&args.file, &Import { part: Some(part), ..how.clone() }).map(|i| i.cells);
     let (start, goal) = if Format::of(&args.file)? != Format::VisibleSim {
-        let goal = imported.cells.clone();
-        let modules = goal.len() + goal.len() * SPARE / 100 + 1;
-        let slab = preview::slab(&goal, modules).map(|(min, max)| Shape::Box { min, max }.cells());
-        // A slab has cells; reading the scenario reports one out of range.
-        (slab.and_then(Result::ok).unwrap_or_default(), goal)
+        (preview::start(&imported.cells), imported.cells.clone())
     } else {
         (part(Part::Blocks)?, part(Part::Targets)?)
     };
     let name = args.file.file_stem().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let origin = portable(&args.file);
+    let origin = format!("shape` from {}", portable(&args.file));
     let text =
         preview::scenario(&Written { origin: &origin, name: &name, start: &start, goal: &goal, growth });
     let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };

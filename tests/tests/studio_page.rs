@@ -1,0 +1,317 @@
+//! The page of `metamorph studio` in a real browser: from nothing to a structure that processes have built, with the
+//! mouse, with the keyboard alone and by touch. Where there is no browser, the tests are skipped with a message.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
+#![allow(clippy::print_stdout, reason = "says why something is skipped, and what was measured")]
+
+use metamorph_tests::browser::{Browser, find};
+use metamorph_tests::view::View;
+use metamorph_world_controller::console::stopwatch::Stopwatch;
+use serde_json::{Value, json};
+
+const SETTLED: &str = "window.studio.analyst.settled";
+const BUILT: &str = "document.getElementById('run-state').dataset.outcome === 'built'";
+
+/// Opens the studio in a browser; `None` where there is none. `size` is that of a touch screen.
+fn open(view: &View, size: Option<(u32, u32)>) -> Option<Browser> {
+    let Some(program) = find() else {
+        println!("skipped: there is no chromium or chrome on this machine");
+        return None;
+    };
+    let mut browser = Browser::start(program);
+    if let Some((width, height)) = size {
+        let screen = json!({ "width": width, "height": height, "deviceScaleFactor": 2, "mobile": true });
+        browser.call("Emulation.setDeviceMetricsOverride", screen);
+        browser.call("Emulation.setTouchEmulationEnabled", json!({ "enabled": true }));
+    }
+    browser.open(&format!("{}#c={}", view.address, view.secret));
+    browser.until("document.body.dataset.state === 'ready'");
+    Some(browser)
+}
+
+/// Asserts that the page had no errors and loaded nothing from elsewhere, and that the secret has left the address.
+fn check_clean(browser: &mut Browser, view: &View) {
+    assert_eq!(browser.evaluate("location.hash"), json!(""));
+    assert_eq!(browser.complaints, Vec::<String>::new());
+    let elsewhere = |url: &&String| !url.starts_with(&view.address) && !url.starts_with("data:");
+    assert_eq!(browser.loaded.iter().filter(elsewhere).collect::<Vec<_>>(), Vec::<&String>::new());
+    assert!(browser.loaded.len() > 10 && !browser.loaded.iter().any(|url| url.contains(&view.secret)));
+}
+
+/// Returns the middle of an element.
+fn middle(browser: &mut Browser, selector: &str) -> (f64, f64) {
+    let place = format!(
+        "(() => {{ const e = document.querySelector('{selector}'); e.scrollIntoView({{ block: 'nearest' }}); \
+         const r = e.getBoundingClientRect(); return [r.left + r.width / 2, r.top + r.height / 2]; }})()"
+    );
+    let place = browser.evaluate(&place);
+    (place[0].as_f64().unwrap(), place[1].as_f64().unwrap())
+}
+
+/// Returns where the page shows a place of the drawing.
+fn spot(browser: &mut Browser, at: [f64; 3]) -> (f64, f64) {
+    let place = browser.evaluate(&format!("window.studio.space.project({at:?})"));
+    (place["x"].as_f64().unwrap(), place["y"].as_f64().unwrap())
+}
+
+fn tap(browser: &mut Browser, (x, y): (f64, f64)) {
+    browser.call(
+        "Input.dispatchTouchEvent",
+        json!({ "type": "touchStart", "touchPoints": [{ "x": x, "y": y }] }),
+    );
+    browser.call("Input.dispatchTouchEvent", json!({ "type": "touchEnd", "touchPoints": [] }));
+}
+
+/// Presses Enter, as a keyboard does: a focused button is pressed by it.
+fn enter(browser: &mut Browser) {
+    for kind in ["keyDown", "keyUp"] {
+        let text = if kind == "keyDown" { "\r" } else { "" };
+        let key = json!({ "type": kind, "key": "Enter", "code": "Enter", "windowsVirtualKeyCode": 13, "text": text });
+        browser.call("Input.dispatchKeyEvent", key);
+    }
+}
+
+fn number(browser: &mut Browser, expression: &str) -> u64 {
+    browser.evaluate(expression).as_u64().unwrap()
+}
+
+const CELLS: &str = "window.studio.structure.cells.size";
+
+/// Checks what the page shows of the run that has been started: processes have built it.
+fn check_built(browser: &mut Browser) {
+    browser.until(BUILT);
+    browser.until(
+        "document.querySelector('iframe').contentDocument.getElementById('outcome').textContent === 'built'",
+    );
+    let modules = number(browser, "Number(document.getElementById('run').dataset.modules)");
+    assert!(modules > 18, "{modules}");
+}
+
+#[test]
+fn a_chair_is_drawn_repaired_and_built_in_five_clicks() {
+    let view = View::start(&["studio"]);
+    let since = Stopwatch::start();
+    let Some(mut browser) = open(&view, None) else { return };
+    let chair = middle(&mut browser, ".card");
+    browser.click(chair.0, chair.1);
+    browser.until(&format!("{SETTLED} && {CELLS} === 16"));
+    assert_eq!(number(&mut browser, "window.studio.panel.answer.d"), 4);
+    // A cube on the middle of the back, by its upper face.
+    let face = spot(&mut browser, [0.0, 1.0, 2.5]);
+    browser.click(face.0, face.1);
+    browser.until(&format!("{SETTLED} && {CELLS} === 17 && window.studio.structure.has([0, 1, 3])"));
+    let repair = middle(&mut browser, ".repair.first");
+    browser.click(repair.0, repair.1);
+    browser.until(&format!("{SETTLED} && window.studio.panel.answer.d === 0"));
+    assert_eq!(
+        browser.evaluate("document.getElementById('verdict').dataset.state"),
+        json!("good"),
+        "every cube has a partner"
+    );
+    let start = middle(&mut browser, "#start");
+    browser.click(start.0, start.1);
+    check_built(&mut browser);
+    println!("from the browser's start to `built`: {:.1} s", since.elapsed().as_secs_f64());
+    let back = middle(&mut browser, "#back");
+    browser.click(back.0, back.1);
+    assert_eq!(browser.evaluate("document.getElementById('run').hidden"), json!(true));
+    check_clean(&mut browser, &view);
+}
+
+#[test]
+fn the_same_with_the_keyboard_alone() {
+    let view = View::start(&["studio"]);
+    let since = Stopwatch::start();
+    let Some(mut browser) = open(&view, None) else { return };
+    enter(&mut browser);
+    browser.until(&format!("{SETTLED} && {CELLS} === 16"));
+    // The cursor begins in the middle of the highest layer.
+    for key in ["ArrowUp", "ArrowUp", "PageUp"] {
+        browser.press(key);
+    }
+    enter(&mut browser);
+    browser.until(&format!("{SETTLED} && {CELLS} === 17"));
+    assert_eq!(browser.evaluate("window.studio.structure.has([0, 1, 3])"), json!(true));
+    browser.press("Delete");
+    browser.until(&format!("{SETTLED} && {CELLS} === 16"));
+    browser.press("z");
+    browser.until(&format!("{SETTLED} && {CELLS} === 17"));
+    browser.press("r");
+    browser.until(&format!("{SETTLED} && window.studio.panel.answer.d === 0"));
+    browser.press("g");
+    check_built(&mut browser);
+    println!("from the browser's start to `built`: {:.1} s", since.elapsed().as_secs_f64());
+    check_clean(&mut browser, &view);
+}
+
+#[test]
+fn the_same_by_touch_on_a_small_screen() {
+    let view = View::start(&["studio"]);
+    let since = Stopwatch::start();
+    let Some(mut browser) = open(&view, Some((375, 667))) else { return };
+    let wide = number(&mut browser, "document.documentElement.scrollWidth");
+    assert!(wide <= 375, "{wide} pixels");
+    let chair = middle(&mut browser, ".card");
+    tap(&mut browser, chair);
+    browser.until(&format!("{SETTLED} && {CELLS} === 16"));
+    let face = spot(&mut browser, [0.0, 1.0, 2.5]);
+    tap(&mut browser, face);
+    browser.until(&format!("{SETTLED} && {CELLS} === 17 && window.studio.structure.has([0, 1, 3])"));
+    // Two fingers turn the picture, and draw nothing.
+    let before = browser.evaluate("window.studio.space.camera.position.toArray()");
+    let fingers = |kind: &str, x: f64| {
+        let points = json!([{ "x": 100.0 + x, "y": 200, "id": 1 }, { "x": 200.0 + x, "y": 240, "id": 2 }]);
+        json!({ "type": kind, "touchPoints": points })
+    };
+    browser.call("Input.dispatchTouchEvent", fingers("touchStart", 0.0));
+    for step in 1..6 {
+        browser.call("Input.dispatchTouchEvent", fingers("touchMove", f64::from(step) * 8.0));
+    }
+    browser.call("Input.dispatchTouchEvent", json!({ "type": "touchEnd", "touchPoints": [] }));
+    assert_ne!(browser.evaluate("window.studio.space.camera.position.toArray()"), before);
+    assert_eq!(number(&mut browser, CELLS), 17);
+    let repair = middle(&mut browser, ".repair.first");
+    tap(&mut browser, repair);
+    browser.until(&format!("{SETTLED} && window.studio.panel.answer.d === 0"));
+    let start = middle(&mut browser, "#start");
+    tap(&mut browser, start);
+    check_built(&mut browser);
+    println!("from the browser's start to `built`: {:.1} s", since.elapsed().as_secs_f64());
+    check_clean(&mut browser, &view);
+}
+
+/// Drags with the mouse, from one place to another.
+fn drag(browser: &mut Browser, from: (f64, f64), to: (f64, f64), button: &str) {
+    let event = |kind: &str, (x, y): (f64, f64)| {
+        let buttons = if button == "left" { 1 } else { 2 };
+        json!({ "type": kind, "x": x, "y": y, "button": button, "buttons": buttons, "clickCount": 1 })
+    };
+    browser.call("Input.dispatchMouseEvent", event("mousePressed", from));
+    for share in [0.3, 0.6, 1.0] {
+        let at = (from.0 + (to.0 - from.0) * share, from.1 + (to.1 - from.1) * share);
+        browser.call("Input.dispatchMouseEvent", event("mouseMoved", at));
+    }
+    browser.call("Input.dispatchMouseEvent", event("mouseReleased", to));
+}
+
+#[test]
+fn cubes_are_drawn_mirrored_chosen_copied_and_taken_back() {
+    let view = View::start(&["studio"]);
+    let Some(mut browser) = open(&view, None) else { return };
+    browser.press("Escape");
+    browser.until(&format!("{SETTLED} && {CELLS} === 0"));
+    let at = |browser: &mut Browser, cell: [f64; 3]| spot(browser, cell);
+    // A rectangle on the floor, and a part of it away by the right button.
+    let (from, to) = (at(&mut browser, [-1.0, -1.0, -0.5]), at(&mut browser, [1.0, 0.0, -0.5]));
+    drag(&mut browser, from, to, "left");
+    browser.until(&format!("{CELLS} === 6"));
+    let corner = at(&mut browser, [1.0, -1.0, 0.5]);
+    drag(&mut browser, corner, corner, "right");
+    browser.until(&format!("{CELLS} === 5 && !window.studio.structure.has([1, -1, 0])"));
+    // History is kept as differences, and both views show the same.
+    browser.press("z");
+    browser.until(&format!("{CELLS} === 6"));
+    browser.evaluate("document.getElementById('redo').click()");
+    browser.until(&format!("{CELLS} === 5 && {SETTLED}"));
+    assert_eq!(number(&mut browser, "window.studio.layer.partner.size"), 4);
+    // A mirror through cells and one between cells.
+    browser.evaluate("window.studio.structure.open([[0, 0, 0]], 'one')");
+    browser.press("x");
+    browser.evaluate("window.studio.structure.change([[2, 0, 0]])");
+    browser.until(&format!("{CELLS} === 3 && window.studio.structure.has([-2, 0, 0])"));
+    browser.press("x");
+    browser.evaluate("window.studio.structure.change([[4, 0, 0]])");
+    browser.until(&format!("{CELLS} === 5 && window.studio.structure.has([-3, 0, 0])"));
+    browser.press("x");
+    // Choose, copy, paste, turn, mirror, move.
+    browser.evaluate("window.studio.structure.open([[0, 0, 0], [1, 0, 0], [1, 1, 0]], 'corner')");
+    browser.press("a");
+    browser.press("c");
+    browser.evaluate("window.studio.structure.move([5, 0, 0])");
+    browser.press("v");
+    browser.until(&format!("{CELLS} === 6 && window.studio.structure.has([6, 1, 0])"));
+    browser.press("t");
+    browser.until(&format!("{CELLS} === 6 && !window.studio.structure.has([5, 0, 0])"));
+    browser.press("m");
+    browser.press("Delete");
+    browser.until(&format!("{CELLS} === 3"));
+    // A line with the keyboard, a block of one, and the list of keys.
+    browser.evaluate("window.studio.structure.open([], 'empty')");
+    browser.press("l");
+    for key in ["ArrowRight", "ArrowRight", "ArrowUp"] {
+        browser.press(key);
+    }
+    browser.press("l");
+    browser.until(&format!("{CELLS} === 4 && {SETTLED}"));
+    browser.press("?");
+    browser.until("document.getElementById('keys').open");
+    browser.evaluate("document.getElementById('keys').close()");
+    // Files come in through the server.
+    let text = "version = 1\\ncells = [[5, 5, 5], [6, 5, 5]]\\n";
+    browser.evaluate(&format!("window.studio.import(new File(['{text}'], 'two cells.toml'))"));
+    browser.until(&format!("{CELLS} === 2 && {SETTLED} && window.studio.structure.has([0, 0, 0])"));
+    check_clean(&mut browser, &view);
+}
+
+/// Every text has a contrast of at least 4.5 to what is behind it, in light and dark; nothing is wider than the screen.
+#[test]
+fn texts_can_be_read_at_every_size() {
+    let view = View::start(&["studio", "--modules", "6"]);
+    let Some(mut browser) = open(&view, None) else { return };
+    let check = include_str!("../src/contrast.js");
+    for (width, height) in [(1440, 900), (800, 700), (400, 760)] {
+        let screen = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false });
+        browser.call("Emulation.setDeviceMetricsOverride", screen);
+        for theme in ["light", "dark"] {
+            browser.evaluate(&format!("window.studio.setTheme('{theme}')"));
+            for state in ["welcome()", "close()"] {
+                browser.evaluate(&format!("window.studio.{state}"));
+                browser.until(SETTLED);
+                let low = browser.evaluate(check);
+                assert_eq!(low, json!([]), "{width} {theme} {state}");
+                let wide = number(&mut browser, "document.documentElement.scrollWidth");
+                assert!(wide <= width, "{wide} of {width} pixels");
+            }
+            browser.evaluate("document.querySelector('.card').click()");
+            browser.until(SETTLED);
+            assert_eq!(browser.evaluate(check), json!([]), "{width} {theme}, a chair");
+        }
+    }
+    check_clean(&mut browser, &view);
+}
+
+/// Prints how long it takes from a click to the redrawn modules; run it with nothing else on the machine.
+#[test]
+#[ignore = "a measurement"]
+fn click_to_redrawn() {
+    let view = View::start(&["studio"]);
+    let Some(mut browser) = open(&view, None) else { return };
+    let hook = "window.times = []; addEventListener('pointerdown', () => { window.begun = performance.now(); }, true); \
+        const studio = window.studio; const answered = studio.answered.bind(studio); \
+        studio.answered = (answer, quick) => { answered(answer, quick); if (window.begun && quick) { const begun = window.begun; \
+        window.begun = 0; requestAnimationFrame(() => setTimeout(() => window.times.push(performance.now() - begun))); } };";
+    browser.evaluate(&format!("(() => {{ {hook} }})()"));
+    browser.press("Escape");
+    for (side, height) in [(10, 10), (25, 16)] {
+        let open = format!(
+            "(() => {{ const c = []; for (let z = 0; z < {height}; z++) for (let y = 0; y < {side}; y++) \
+             for (let x = 0; x < {side}; x++) c.push([x, y, z]); window.studio.opened({{ name: 'block', cells: c }}); }})()"
+        );
+        browser.evaluate(&open);
+        browser.until(SETTLED);
+        browser.evaluate("window.times = []; 0");
+        for i in 0..60 {
+            let (x, y) = (f64::from(i % 7 - 3), f64::from(i / 7 % 7 - 3));
+            let at = spot(&mut browser, [x, y, f64::from(height) - 0.5]);
+            browser.click(at.0, at.1);
+            browser.until(&format!("window.times.length === {} && {SETTLED}", i + 1));
+        }
+        let mut times: Vec<f64> = serde_json::from_value(browser.evaluate("window.times")).unwrap();
+        times.sort_by(f64::total_cmp);
+        let cells: Value = browser.evaluate(CELLS);
+        println!(
+            "{cells} cells: median {:.0} ms, 95 % {:.0} ms",
+            times[times.len() / 2],
+            times[times.len() * 95 / 100]
+        );
+    }
+}

@@ -1,0 +1,257 @@
+//! Analyses that pages ask for: a page sends what has changed since a revision, and gets the answer for the new one. One
+//! analysis is carried out at a time; a newer one cancels it.
+
+use super::analysis::Analysis;
+use super::budget::{Budget, LONGEST};
+use crate::scenario::family::{DrawnStructure, Families};
+use crate::view::http::refused;
+use hyper::StatusCode;
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::pairing::repair::Allowed;
+use metamorph_protocol::pairing::{Pairing, PairingError};
+use metamorph_protocol::shape::components;
+use serde::Deserialize;
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// Largest number of cells of a drawing.
+pub const MAX_CELLS: usize = 20_000;
+/// Number of pages that are remembered; the one heard of least recently is forgotten.
+const PAGES: usize = 8;
+/// Largest number of characters of the name of a page.
+const MAX_NAME: usize = 64;
+
+/// A request for an analysis.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Asked {
+    version: u16,
+    /// A name that a page draws at random when it is loaded.
+    session: String,
+    /// The revision that the answer is for.
+    revision: u64,
+    /// The revision that `add` and `remove` change; none if `add` is the whole drawing.
+    base: Option<u64>,
+    #[serde(default)]
+    add: Vec<Cell>,
+    #[serde(default)]
+    remove: Vec<Cell>,
+    /// Whether repairs, splits and families are asked for, too.
+    #[serde(default)]
+    all: bool,
+}
+
+/// The drawing of a page.
+#[derive(Debug, Default)]
+struct Drawing {
+    page: String,
+    revision: u64,
+    cells: BTreeSet<Cell>,
+    /// The modules that the page shows.
+    shown: Vec<[Cell; 2]>,
+}
+
+/// The drawings of all pages, and the analysis in progress.
+#[derive(Debug, Default)]
+pub struct Analyses {
+    /// The one heard of last is the last one.
+    drawings: Mutex<Vec<Drawing>>,
+    newest: Mutex<Arc<AtomicBool>>,
+    one: tokio::sync::Mutex<()>,
+}
+
+type Response = (StatusCode, Value);
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    // What it guards is whole between any two statements that can panic.
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn stale(why: &str) -> Response {
+    (StatusCode::CONFLICT, json!({ "result": "stale", "why": why }))
+}
+
+impl Analyses {
+    /// Answers a request.
+    pub async fn answer(self: &Arc<Self>, body: &[u8], families: Families) -> Response {
+        let asked: Asked = match serde_json::from_slice(body) {
+            Ok(asked) => asked,
+            Err(error) => {
+                return refused(StatusCode::BAD_REQUEST, &format!("the body is malformed: {error}"));
+            }
+        };
+        let (page, revision, all) = (asked.session.clone(), asked.revision, asked.all);
+        let (cells, shown) = match self.take(asked) {
+            Ok(drawing) => drawing,
+            Err(refused) => return refused,
+        };
+        let cancelled = Arc::new(AtomicBool::new(false));
+        std::mem::replace(&mut *locked(&self.newest), Arc::clone(&cancelled)).store(true, Ordering::Relaxed);
+        let one = self.one.lock().await;
+        if cancelled.load(Ordering::Relaxed) {
+            return stale("a newer request has come");
+        }
+        let budget = Arc::clone(&cancelled);
+        let analysis = tokio::task::spawn_blocking(move || {
+            let budget = Budget::new(budget, LONGEST);
+            analyse(&cells, &shown, all.then_some(families), &budget)
+        });
+        let analysed = analysis.await;
+        drop(one);
+        let Ok((mut value, shown)) = analysed else {
+            return refused(StatusCode::INTERNAL_SERVER_ERROR, "the analysis has failed");
+        };
+        if cancelled.load(Ordering::Relaxed) {
+            return stale("a newer request has come");
+        }
+        let mut drawings = locked(&self.drawings);
+        if let Some(drawing) = drawings.iter_mut().find(|d| d.page == page && d.revision == revision) {
+            drawing.shown = shown;
+        }
+        value["revision"] = json!(revision);
+        (StatusCode::OK, value)
+    }
+
+    /// Takes the changes of a page, and returns its drawing and the modules that it shows.
+    fn take(&self, asked: Asked) -> Result<(BTreeSet<Cell>, Vec<[Cell; 2]>), Response> {
+        let Asked { version, session, revision, base, add, remove, .. } = asked;
+        let remove: BTreeSet<Cell> = remove.into_iter().collect();
+        if version != super::VERSION {
+            let why = format!("this program reads version {} of requests, not {version}", super::VERSION);
+            return Err(refused(StatusCode::BAD_REQUEST, &why));
+        }
+        if session.is_empty() || session.chars().count() > MAX_NAME {
+            let why = format!("`session` has 1 to {MAX_NAME} characters");
+            return Err(refused(StatusCode::BAD_REQUEST, &why));
+        }
+        let mut drawings = locked(&self.drawings);
+        let mut drawing = match drawings.iter().position(|d| d.page == session) {
+            Some(place) => drawings.remove(place),
+            None => Drawing { page: session, ..Drawing::default() },
+        };
+        let changed = match base {
+            None => Ok(BTreeSet::new()),
+            Some(base) if base == drawing.revision => Ok(drawing.cells.clone()),
+            Some(_) => Err(stale("this revision is not known; send the whole drawing")),
+        };
+        let changed = changed.and_then(|mut cells| {
+            cells.retain(|cell| !remove.contains(cell));
+            cells.extend(add);
+            let most = format!("a drawing has at most {MAX_CELLS} cells");
+            if cells.len() > MAX_CELLS {
+                Err(refused(StatusCode::PAYLOAD_TOO_LARGE, &most))
+            } else {
+                Ok(cells)
+            }
+        });
+        if let Ok(cells) = &changed {
+            (drawing.cells, drawing.revision) = (cells.clone(), revision);
+        }
+        let shown = drawing.shown.clone();
+        drawings.push(drawing);
+        if drawings.len() > PAGES {
+            drawings.remove(0);
+        }
+        Ok((changed?, shown))
+    }
+}
+
+/// Analyses cells, and returns the answer and the modules that are shown.
+fn analyse(
+    cells: &BTreeSet<Cell>,
+    shown: &[[Cell; 2]],
+    families: Option<Families>,
+    budget: &Budget,
+) -> (Value, Vec<[Cell; 2]>) {
+    let listed: Vec<Cell> = cells.iter().copied().collect();
+    let going = || budget.is_left();
+    let parts = components(&listed);
+    let mut whole: Option<(Analysis, Vec<[Cell; 2]>, Vec<Cell>)> = None;
+    let alone = parts.len() == 1;
+    for part in &parts {
+        let pairing = match Pairing::of(part) {
+            Ok(pairing) => pairing,
+            Err(error) => return (json!({ "result": "refused", "why": error.to_string() }), Vec::new()),
+        };
+        let wanted = alone && families.is_some();
+        let analysis = Analysis::of(&pairing, wanted.then_some(Allowed::Any), wanted, &going);
+        let (pairs, over) = pairing.keeping(shown);
+        match &mut whole {
+            None => whole = Some((analysis, pairs, over)),
+            Some((all, all_pairs, all_over)) => {
+                all.join(analysis);
+                all_pairs.extend(pairs);
+                all_over.extend(over);
+            }
+        }
+    }
+    let Some((mut analysis, pairs, over)) = whole else {
+        let why = PairingError::Empty.to_string();
+        return (json!({ "result": "empty", "why": why, "cells": 0, "parts": 0 }), Vec::new());
+    };
+    let families = families.filter(|_| alone).map(|families| possible(families, &listed, &analysis));
+    // A person wants modules that do not jump about, a file the canonical ones.
+    (analysis.pairs, analysis.unpaired) = (pairs.clone(), over);
+    let mut value = serde_json::to_value(&analysis).unwrap_or_default();
+    value["result"] = json!("analysed");
+    value["cells"] = json!(listed.len());
+    value["parts"] = json!(parts.len());
+    value["families"] = json!(families);
+    value["complete"] = json!(!budget.was_ended());
+    (value, pairs)
+}
+
+/// Says of each family whether it can build the drawing.
+fn possible(families: Families, cells: &[Cell], analysis: &Analysis) -> Vec<Value> {
+    let standing = analysis.split.as_ref().map(|split| &split.standing);
+    let drawing = DrawnStructure {
+        name: "drawing",
+        cells,
+        standing: standing.map(|s| s.chains.as_slice()).unwrap_or_default(),
+        why_not_standing: standing.and_then(|s| s.reason.as_deref()),
+    };
+    let all = families.0.iter().filter_map(|family| Some((family.name(), family.scenario_of(&drawing)?)));
+    all.map(|(name, text)| json!({ "name": name, "can": text.is_ok(), "why": text.err() })).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::family::families;
+
+    fn ask(analyses: &Arc<Analyses>, body: &Value) -> Response {
+        let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
+        runtime.block_on(analyses.answer(body.to_string().as_bytes(), families()))
+    }
+
+    fn body(session: &str, revision: u64, base: Option<u64>, add: &[[i16; 3]]) -> Value {
+        json!({ "version": 1, "session": session, "revision": revision, "base": base, "add": add, "all": true })
+    }
+
+    #[test]
+    fn changes_are_answered_and_unknown_revisions_are_not() {
+        let analyses = Arc::new(Analyses::default());
+        let (status, value) = ask(&analyses, &body("a", 1, None, &[[0, 0, 0], [1, 0, 0], [2, 0, 0]]));
+        assert_eq!((status, &value["d"], &value["cells"]), (StatusCode::OK, &json!(1), &json!(3)));
+        assert!(value["repairs"].as_array().is_some_and(|r| !r.is_empty()) && value["complete"] == true);
+        let (_, value) = ask(&analyses, &body("a", 2, Some(1), &[[3, 0, 0]]));
+        assert_eq!((&value["d"], &value["revision"], &value["cells"]), (&json!(0), &json!(2), &json!(4)));
+        assert_eq!(ask(&analyses, &body("a", 3, Some(1), &[])).1["result"], "stale");
+        assert_eq!(ask(&analyses, &body("b", 3, Some(2), &[])).1["result"], "stale");
+        let (_, value) = ask(&analyses, &body("a", 3, Some(2), &[[9, 0, 0], [10, 0, 0]]));
+        assert_eq!((&value["parts"], &value["d"], &value["families"]), (&json!(2), &json!(0), &Value::Null));
+        assert_eq!(ask(&analyses, &body("c", 1, None, &[])).1["result"], "empty");
+    }
+
+    #[test]
+    fn the_modules_that_are_shown_stay_where_they_can() {
+        let analyses = Arc::new(Analyses::default());
+        let line = |n: i16| (1..n).map(|x| [x, 0, 0]).collect::<Vec<_>>();
+        let (_, before) = ask(&analyses, &body("a", 1, None, &line(5)));
+        let (_, after) = ask(&analyses, &body("a", 2, Some(1), &[[0, 0, 0]]));
+        let pairs = |value: &Value| value["pairs"].as_array().unwrap().clone();
+        assert!(pairs(&before).iter().all(|pair| pairs(&after).contains(pair)), "{before} {after}");
+    }
+}

@@ -1,0 +1,132 @@
+//! `metamorph studio`: a person draws a structure of cubes, sees which modules it becomes and what to change if it
+//! cannot, starts a swarm that builds it, and commands that swarm.
+//!
+//! `site` answers the page (`page/`, plain JavaScript), `analyses` keeps the drawings of pages and analyses them within a
+//! `budget`; `analysis` is the answer; `desk` hands runs to the thread that carries them out; `directory` reads and
+//! writes files under `--dir`; `files` makes cells of them. What a drawing becomes is decided here and never on the page.
+//!
+//! Everything that changes something, or that tells what is in files, needs the secret of the printed address.
+
+pub mod analyses;
+pub mod analysis;
+mod budget;
+mod desk;
+mod directory;
+mod files;
+mod site;
+
+use crate::console::command_error::{BAD_USAGE, CommandError};
+use crate::console::escape::Shown as _;
+use crate::console::interrupt::Interrupt;
+use crate::console::terminal::{self, print_out};
+use crate::scenario::mesh_import::error::SolidError;
+use crate::view::access::Token;
+use crate::view::http::{ServerError, serve_site};
+use clap::Args;
+use desk::Desk;
+use directory::Directory;
+use files::{OpenedDrawing, open};
+use site::Studio;
+use std::io;
+use std::path::PathBuf;
+use std::sync::Arc;
+use thiserror::Error;
+
+/// The version of the format of requests.
+const VERSION: u16 = 1;
+
+/// The end of the command's help.
+pub const EXAMPLES: &str = "\
+Examples:
+  metamorph studio                                       draw, and start what you have drawn
+  metamorph studio deploy/shapes/chair.toml              open a drawing, a solid or a configuration
+  metamorph studio --dir drawings --modules 24           keep drawings in a directory; there are 24 modules
+
+Two addresses are printed. The first ends with a secret: whoever opens it can draw and start runs. The second only
+shows the latest run. Both work on this machine only and without a network. `?` on the page lists its keys. Ctrl-C
+ends the studio, and a run that is going on.
+
+Exit codes:
+  0  the studio was open until Ctrl-C, SIGTERM or SIGHUP
+  1  the program itself failed, for example because no port was free
+  2  the command line or a file is wrong; the error names the place, reason and fix";
+
+/// Arguments of `studio`.
+#[derive(Debug, Args)]
+pub struct StudioArgs {
+    /// Drawings (.toml), solids (.stl, .obj) or configurations of VisibleSim (.xml) to open
+    #[arg(value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Read and write drawings in this directory; default: none, the browser downloads and uploads them
+    #[arg(long, value_name = "DIR")]
+    pub dir: Option<PathBuf>,
+    /// The number of modules that there are; the page says when a drawing takes more
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub modules: Option<u32>,
+    /// The port of the page's address, for example one that is forwarded; default: any free one
+    #[arg(long, value_name = "PORT", value_parser = clap::value_parser!(u16).range(1..))]
+    pub port: Option<u16>,
+}
+
+/// Why the studio cannot be opened.
+#[derive(Debug, Error)]
+pub enum StudioError {
+    /// A file.
+    #[error("{0}\n  fix: {fix}", fix = .0.fix())]
+    File(#[from] SolidError),
+    /// A drawing is too large.
+    #[error("{file}: it has {cells} cells; {most} is the maximum here\n  fix: choose a coarser pitch with `metamorph shape --pitch`", most = analyses::MAX_CELLS)]
+    TooLarge {
+        /// The file.
+        file: String,
+        /// Its cells.
+        cells: usize,
+    },
+    /// The directory.
+    #[error("--dir {0}: {1}\n  fix: name a directory that you may read")]
+    Directory(String, io::Error),
+    /// The page cannot be served.
+    #[error(transparent)]
+    Server(#[from] ServerError),
+    /// There is no secret.
+    #[error("no random numbers: {0}")]
+    Random(#[from] io::Error),
+}
+
+impl CommandError for StudioError {
+    fn exit_code(&self) -> u8 {
+        match self {
+            StudioError::Server(error) => error.exit_code(),
+            StudioError::Random(_) => crate::console::command_error::FAILED,
+            _ => BAD_USAGE,
+        }
+    }
+    fn text(&self) -> String {
+        match self {
+            StudioError::Server(error) => error.text(),
+            _ => format!("metamorph: {self}"),
+        }
+    }
+}
+
+/// Opens the studio until a signal asks the program to end.
+pub fn studio(args: &StudioArgs, interrupt: &Interrupt) -> Result<u8, StudioError> {
+    let opened: Vec<OpenedDrawing> = args.files.iter().map(|file| open(file)).collect::<Result<_, _>>()?;
+    let directory = args
+        .dir
+        .as_ref()
+        .map(|path| Directory::open(path).map_err(|error| StudioError::Directory(path.shown(), error)));
+    let (directory, desk, secret) = (directory.transpose()?, Arc::new(Desk::default()), Token::random()?);
+    interrupt.begin();
+    let studio = Studio::new(secret.clone(), Arc::clone(&desk), directory, opened, args.modules);
+    let address = serve_site(studio, args.port)?;
+    print_out(&format!(
+        "open {address}#c={} in a browser\nto only look at what is started, open {address}run/\nCtrl-C ends it",
+        secret.text()
+    ));
+    // Nobody has seen the address if it could not be printed.
+    if terminal::failure().is_none() {
+        desk.carry_out(interrupt);
+    }
+    Ok(0)
+}

@@ -1,0 +1,81 @@
+// Requests to the studio's server: only if the page was opened with the whole printed address, whose fragment holds the
+// secret. The secret stays in memory: after a reload, the address must be opened again.
+
+import { cell } from "./cells.js";
+
+/** @typedef {import("./structure.js").Structure} Structure */
+
+const VERSION = 1;
+const random = () => [...crypto.getRandomValues(new Uint8Array(16))].map((b) => b.toString(16).padStart(2, "0")).join("");
+
+export class Server {
+  constructor() {
+    this.secret = /^#c=([0-9a-f]{32})$/.exec(location.hash)?.[1] ?? null;
+    if (this.secret) history.replaceState(null, "", location.pathname);
+  }
+
+  /** Sends a request. Refusals are values, too.
+   * @param {string} name @param {object} body @returns {Promise<any>} */
+  async post(name, body = {}) {
+    const headers = { "Content-Type": "application/json", Authorization: `Bearer ${this.secret}` };
+    try {
+      const response = await fetch(name, { method: "POST", headers, body: JSON.stringify({ version: VERSION, ...body }) });
+      return await response.json().catch(() => ({ result: "refused", why: "open the whole address that metamorph has printed" }));
+    } catch {
+      return { result: "gone", why: "the studio has ended" };
+    }
+  }
+}
+
+/** Keeps the answer about a drawing up to date: sends what has changed since the last revision that was answered, first
+ * for its modules, then, when nothing has changed meanwhile, for repairs and splits. Old answers are dropped. */
+export class Analyst {
+  /** @param {Server} server @param {Structure} structure @param {(answer: any, quick: boolean) => void} onAnswer */
+  constructor(server, structure, onAnswer) {
+    [this.server, this.structure, this.onAnswer] = [server, structure, onAnswer];
+    this.session = random();
+    this.revision = 0;
+    /** The revision that the server has, and its cells. */
+    this.base = null;
+    /** @type {Set<number>} */
+    this.known = new Set();
+    this.answered = { revision: 0, all: true };
+    this.busy = false;
+    structure.addEventListener("change", () => {
+      this.revision += 1;
+      this.work();
+    });
+  }
+
+  /** True if the answer that is shown is complete and of the present drawing. */
+  get settled() {
+    return !this.busy && this.answered.revision === this.revision && this.answered.all;
+  }
+
+  async work() {
+    if (this.busy) return;
+    this.busy = true;
+    while (this.answered.revision !== this.revision || !this.answered.all) {
+      const all = this.answered.revision === this.revision;
+      const [revision, cells] = [this.revision, new Set(this.structure.cells)];
+      const known = this.base === null ? new Set() : this.known;
+      const add = [...cells].filter((k) => !known.has(k)).map(cell);
+      const remove = [...known].filter((k) => !cells.has(k)).map(cell);
+      const answer = await this.server.post("analyse", { session: this.session, revision, base: this.base, add, remove, all });
+      if (answer.result === "gone") break;
+      if (answer.result === "stale") {
+        this.base = null;
+        continue;
+      }
+      [this.base, this.known] = [revision, cells];
+      if (answer.result === "refused") this.base = null;
+      if (revision === this.revision) {
+        this.answered = { revision, all: all || answer.result !== "analysed" };
+        this.onAnswer(answer, !this.answered.all);
+      }
+      // Too large a drawing is refused again until it has changed.
+      if (answer.result === "refused" && revision === this.revision) break;
+    }
+    this.busy = false;
+  }
+}

@@ -1,0 +1,335 @@
+//! What the studio answers: its page, the page of the latest run below `run/`, and requests with the secret.
+
+use super::VERSION;
+use super::analyses::{Analyses, MAX_CELLS};
+use super::desk::Desk;
+use super::directory::{Directory, DirectoryError};
+use super::files::{OpenedDrawing, open_content};
+use crate::family::{families, read_text};
+use crate::scenario::family::DrawnStructure;
+use crate::scenario::mesh_import::drawing;
+use crate::scenario::{LinkKind, Overrides, Plan};
+use crate::view::access::{AccessCheck, Token};
+use crate::view::http::{Answer, JS, Site, json_body, refused};
+use crate::view::server::{LIBRARY, file as file_of_view};
+use hyper::body::{Bytes, Incoming};
+use hyper::{Method, Request, StatusCode};
+use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::pairing::Pairing;
+use metamorph_protocol::pairing::split::{Footing, Split};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+/// Largest size of the body of a request, in bytes.
+const MAX_BODY: usize = 1 << 20;
+/// Largest number of characters of the name of a drawing.
+const MAX_NAME: usize = 64;
+/// As for the page of a run, which the studio embeds.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; \
+                      img-src 'self' data:; frame-src 'self'; base-uri 'none'; form-action 'none'; \
+                      frame-ancestors 'self'";
+
+/// The files of the page: name, type and content.
+const FILES: [(&str, &str, &str); 12] = [
+    ("", "text/html; charset=utf-8", include_str!("page/index.html")),
+    ("studio.css", "text/css; charset=utf-8", include_str!("page/studio.css")),
+    ("studio.js", JS, include_str!("page/studio.js")),
+    ("structure.js", JS, include_str!("page/structure.js")),
+    ("cells.js", JS, include_str!("page/cells.js")),
+    ("examples.js", JS, include_str!("page/examples.js")),
+    ("space.js", JS, include_str!("page/space.js")),
+    ("layer.js", JS, include_str!("page/layer.js")),
+    ("tools.js", JS, include_str!("page/tools.js")),
+    ("keys.js", JS, include_str!("page/keys.js")),
+    ("panel.js", JS, include_str!("page/panel.js")),
+    ("server.js", JS, include_str!("page/server.js")),
+];
+
+/// The studio.
+#[derive(Debug)]
+pub struct Studio {
+    secret: Token,
+    desk: Arc<Desk>,
+    analyses: Arc<Analyses>,
+    directory: Option<Arc<Directory>>,
+    opened: Vec<OpenedDrawing>,
+    modules: Option<u32>,
+}
+
+/// A request without members of its own.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Plain {
+    version: u16,
+}
+
+/// A request to build a drawing.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Start {
+    version: u16,
+    name: String,
+    cells: Vec<Cell>,
+    /// The family that builds it.
+    family: String,
+    /// What carries its messages.
+    link: Link,
+    /// Whether only the scenario is wanted.
+    #[serde(default)]
+    only_scenario: bool,
+}
+
+/// The links, by the names of scenarios and reports.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Link {
+    Ipc,
+    Sim,
+}
+
+/// A request to write a drawing.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Save {
+    version: u16,
+    name: String,
+    cells: Vec<Cell>,
+    #[serde(default)]
+    replace: bool,
+}
+
+/// A request to read a file of the directory, or one with its content in hexadecimal digits.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Open {
+    version: u16,
+    name: String,
+    content: Option<String>,
+}
+
+type Response = (StatusCode, Value);
+
+/// Reads a request of the version of this program.
+fn read<T: DeserializeOwned>(body: &[u8], version: impl Fn(&T) -> u16) -> Result<T, Response> {
+    let asked: T = serde_json::from_slice(body)
+        .map_err(|error| refused(StatusCode::BAD_REQUEST, &format!("the body is malformed: {error}")))?;
+    match version(&asked) {
+        VERSION => Ok(asked),
+        other => {
+            let why = format!("this program reads version {VERSION} of requests, not {other}");
+            Err(refused(StatusCode::BAD_REQUEST, &why))
+        }
+    }
+}
+
+fn wrong(why: &str) -> Response {
+    refused(StatusCode::UNPROCESSABLE_ENTITY, why)
+}
+
+impl Site for Studio {
+    fn policy(&self) -> &'static str {
+        POLICY
+    }
+
+    async fn answer(
+        self: Arc<Self>,
+        access: &AccessCheck,
+        request: Request<Incoming>,
+        is_drawing: &AtomicBool,
+    ) -> Answer {
+        if request.method() == Method::POST {
+            let (head, body) = request.into_parts();
+            return match access.admit_post(&self.secret, &head.headers, head.uri.path()) {
+                Err(refusal) => Answer::refused(refusal),
+                Ok("run/command") => match self.desk.page() {
+                    Some(page) => page.command(&head.headers, body).await,
+                    None => Answer::not_found(),
+                },
+                Ok(name) => {
+                    let name = name.to_owned();
+                    let (status, value) = match json_body(&head.headers, body, MAX_BODY).await {
+                        Ok(body) => self.carry_out(&name, body).await,
+                        Err(refused) => refused,
+                    };
+                    Answer::json(status, &value)
+                }
+            };
+        }
+        let (uri, query) = (request.uri(), request.uri().query().unwrap_or_default());
+        match access.admit(request.method(), request.headers(), uri.path()) {
+            Err(refusal) => Answer::refused(refusal),
+            Ok(rest) => match (rest.strip_prefix("run/"), self.desk.page()) {
+                (Some(rest), Some(page)) => page.read(rest, query, is_drawing).await,
+                (Some(_), None) => {
+                    Answer::of(StatusCode::NOT_FOUND, "text/plain; charset=utf-8", "nothing is started yet\n")
+                }
+                (None, _) => file(rest).map_or_else(Answer::not_found, |(content_type, text)| {
+                    Answer::of(StatusCode::OK, content_type, text)
+                }),
+            },
+        }
+    }
+}
+
+fn file(name: &str) -> Option<(&'static str, &'static str)> {
+    let own = FILES.into_iter().find(|(n, ..)| *n == name).map(|(_, kind, text)| (kind, text));
+    own.or_else(|| (name == LIBRARY).then(|| file_of_view(name)).flatten())
+}
+
+impl Studio {
+    /// Creates a studio.
+    pub fn new(
+        secret: Token,
+        desk: Arc<Desk>,
+        directory: Option<Directory>,
+        opened: Vec<OpenedDrawing>,
+        modules: Option<u32>,
+    ) -> Studio {
+        let (analyses, directory) = (Arc::default(), directory.map(Arc::new));
+        Studio { secret, desk, analyses, directory, opened, modules }
+    }
+
+    /// Carries out an admitted request.
+    async fn carry_out(self: &Arc<Self>, name: &str, body: Bytes) -> Response {
+        if name == "analyse" {
+            return self.analyses.answer(&body, families()).await;
+        }
+        let (studio, name) = (Arc::clone(self), name.to_owned());
+        let carried_out = tokio::task::spawn_blocking(move || match name.as_str() {
+            "begin" => studio.begin(&body),
+            "start" => studio.start(&body),
+            "stop" => studio.stop(&body),
+            "state" => read(&body, |p: &Plain| p.version).map(|_| ok(json!({ "run": studio.desk.latest() }))),
+            "save" => studio.save(&body),
+            "open" => studio.open(&body),
+            _ => Err(refused(StatusCode::NOT_FOUND, "there is no request of this name")),
+        });
+        match carried_out.await {
+            Ok(answer) => answer.unwrap_or_else(|refused| refused),
+            Err(_) => refused(StatusCode::INTERNAL_SERVER_ERROR, "the request could not be carried out"),
+        }
+    }
+
+    /// Says what a page needs to begin with.
+    fn begin(&self, body: &[u8]) -> Result<Response, Response> {
+        read(body, |p: &Plain| p.version)?;
+        let names = match &self.directory {
+            Some(directory) => Some(directory.names().map_err(|error| wrong(&error.to_string()))?),
+            None => None,
+        };
+        Ok(ok(json!({
+            "opened": self.opened, "directory": names, "modules": self.modules, "most_cells": MAX_CELLS,
+            "run": self.desk.latest(),
+        })))
+    }
+
+    /// Starts a run that builds a drawing.
+    fn start(&self, body: &[u8]) -> Result<Response, Response> {
+        let start = read(body, |s: &Start| s.version)?;
+        let (text, plan) = plan(&start)?;
+        if start.only_scenario {
+            return Ok(ok(json!({ "scenario": text })));
+        }
+        match self.desk.start(plan, &self.secret) {
+            Ok(run) => Ok(ok(json!({ "run": run, "scenario": text }))),
+            Err(busy) => Err(refused(StatusCode::CONFLICT, &busy.to_string())),
+        }
+    }
+
+    fn stop(&self, body: &[u8]) -> Result<Response, Response> {
+        read(body, |p: &Plain| p.version)?;
+        match self.desk.stop() {
+            true => Ok(ok(json!({}))),
+            false => Err(refused(StatusCode::CONFLICT, "no run is going on")),
+        }
+    }
+
+    fn save(&self, body: &[u8]) -> Result<Response, Response> {
+        let save = read(body, |s: &Save| s.version)?;
+        let cells = checked(&save.cells)?;
+        let Some(stem) = save.name.strip_suffix(".toml") else {
+            return Err(wrong("the name of a drawing ends in .toml"));
+        };
+        let directory = self.directory()?;
+        let text = drawing::text("studio", Some(stem), &cells);
+        match directory.write(&save.name, text.as_bytes(), save.replace) {
+            Ok(()) => Ok(ok(json!({ "directory": directory.names().unwrap_or_default() }))),
+            Err(error @ DirectoryError::Exists) => Err(refused(StatusCode::CONFLICT, &error.to_string())),
+            Err(error) => Err(wrong(&error.to_string())),
+        }
+    }
+
+    fn open(&self, body: &[u8]) -> Result<Response, Response> {
+        let Open { name, content, .. } = read(body, |o: &Open| o.version)?;
+        let content = match content {
+            Some(digits) => {
+                bytes(&digits).ok_or_else(|| wrong("`content` has two hexadecimal digits a byte"))?
+            }
+            None => self.directory()?.read(&name).map_err(|error| wrong(&error.to_string()))?,
+        };
+        let opened = open_content(&name, &content).map_err(|why| wrong(&why))?;
+        Ok(ok(json!({ "opened": opened })))
+    }
+
+    fn directory(&self) -> Result<&Directory, Response> {
+        let none = "there is no directory; start the studio with --dir";
+        self.directory.as_deref().ok_or_else(|| wrong(none))
+    }
+}
+
+fn ok(mut value: Value) -> Response {
+    value["result"] = json!("done");
+    (StatusCode::OK, value)
+}
+
+fn bytes(digits: &str) -> Option<Vec<u8>> {
+    let digit = |b: &u8| char::from(*b).to_digit(16);
+    let pairs = digits.as_bytes().chunks(2);
+    pairs.map(|pair| Some((digit(pair.first()?)? * 16 + digit(pair.get(1)?)?) as u8)).collect()
+}
+
+/// Returns cells in order, each once, if there are some and not too many.
+fn checked(cells: &[Cell]) -> Result<Vec<Cell>, Response> {
+    let cells: BTreeSet<Cell> = cells.iter().copied().collect();
+    match cells.len() {
+        0 => Err(wrong("there is no cell")),
+        n if n > MAX_CELLS => {
+            Err(refused(StatusCode::PAYLOAD_TOO_LARGE, &format!("a drawing has at most {MAX_CELLS} cells")))
+        }
+        _ => Ok(cells.into_iter().collect()),
+    }
+}
+
+/// Makes a scenario and its plan of a drawing. The text goes through the reader of scenarios, with all its limits.
+fn plan(start: &Start) -> Result<(String, Plan), Response> {
+    let cells = checked(&start.cells)?;
+    let is_plain = |c: char| c.is_alphanumeric() || " -_.".contains(c);
+    if !(1..=MAX_NAME).contains(&start.name.chars().count()) || !start.name.chars().all(is_plain) {
+        return Err(wrong("a name has 1 to 64 letters, digits, spaces, dots, dashes and underscores"));
+    }
+    let pairing = Pairing::of(&cells).map_err(|error| wrong(&error.to_string()))?;
+    let standing = match pairing.split(Footing::Floor) {
+        Split::Yes(chains) => chains,
+        _ => Vec::new(),
+    };
+    let drawing =
+        DrawnStructure { name: &start.name, cells: &cells, standing: &standing, why_not_standing: None };
+    let families = families().0;
+    let family = families.iter().find(|family| family.name() == start.family);
+    let text = family.and_then(|family| family.scenario_of(&drawing));
+    let text =
+        text.ok_or_else(|| wrong("no family of this name builds drawings"))?.map_err(|why| wrong(&why))?;
+    let link = match start.link {
+        Link::Ipc => LinkKind::Ipc,
+        Link::Sim => LinkKind::Sim,
+    };
+    let overrides = Overrides { link, ..Overrides::default() };
+    let origin = format!("{}.toml", start.name);
+    let plan =
+        read_text(&origin, &text, &overrides).map_err(|diagnostics| wrong(&diagnostics.to_string()))?;
+    Ok((text, plan))
+}
