@@ -133,8 +133,8 @@ fn files_are_opened_and_saved_in_the_directory_only() {
     for name in names {
         assert_eq!(save(name, true).0, 422, "{name:?}");
     }
-    assert_eq!(save(&format!("{}.toml", "a".repeat(60)), false).0, 200);
-    assert_eq!(save(&format!("{}.toml", "b".repeat(61)), false).0, 422);
+    assert_eq!(save(&format!("{}.toml", "a".repeat(59)), false).0, 200);
+    assert_eq!(save(&format!("{}.toml", "b".repeat(60)), false).0, 422);
     assert_eq!(save("link.toml", true).0, 200);
     assert!(fs::read_to_string(&secret).unwrap().contains("7, 7, 7"), "what the link names is as it was");
     let opened = |name: &str| ask(&view, "open", json!({ "name": name }));
