@@ -65,7 +65,7 @@ fn bad_scenarios_are_refused_with_place_reason_and_fix() {
         // A scenario of cubes declared as one of metamodules.
         (
             with("[swarm]", "[swarm]\nfamily = \"metamodule\""),
-            &["expected \"random\" or a list of places, found a table", "two coordinates of a connector"],
+            &["unknown key `box` in floor", "two coordinates of a connector"],
         ),
         (with(goal, &format!("{goal}\ngrowth = \"quick\"")), &["unknown growth `quick`", "scaffold, solid"]),
         // The goal and the swarm.

@@ -27,8 +27,11 @@ use metamorph_sim_bridge::world::World;
 use serde::Serialize;
 use std::sync::Arc;
 
-/// The structures, and the joint angles in degrees of the modules of their ring.
-const STRUCTURES: [(&str, Option<(usize, [f64; 3])>); 4] =
+/// The number of modules of a ring, and their joint angles in degrees.
+type Ring = (usize, [f64; 3]);
+
+/// The structures, and their rings.
+const STRUCTURES: [(&str, Option<Ring>); 4] =
     [("tripod4", None), ("quad5-sym", None), ("quad9", None), ("struct10", Some((4, [-120.0, 90.0, 0.0])))];
 /// The network.
 const NETWORK: NetworkKind = NetworkKind::BlfSym;

@@ -90,6 +90,7 @@ impl Reach {
     ///
     /// # Errors
     /// If keys are missing, or the program has no links between machines.
+    #[allow(clippy::needless_update, reason = "there are more fields with the feature `hosts`")]
     pub fn new(addresses: &[Address], keys: Option<&Path>, build: u64) -> Result<Reach, ReachError> {
         let away = (1u16..).map(HostId).zip(addresses).find(|(_, a)| matches!(a, Address::Net { .. }));
         let Some((host, address)) = away else { return Ok(Reach { build, ..Reach::default() }) };
