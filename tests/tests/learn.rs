@@ -53,6 +53,7 @@ fn a_study_is_the_same_whatever_the_threads_and_interruptions() {
 }
 
 /// A learner that is killed in the middle of a trial goes on with that trial, and asks for what an undisturbed one asks for.
+#[allow(clippy::disallowed_methods, reason = "waits for the file of another process, with a watchdog")]
 #[test]
 fn a_killed_learner_goes_on_with_the_trial() {
     let directory = tempfile::tempdir().unwrap();

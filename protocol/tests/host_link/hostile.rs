@@ -177,7 +177,7 @@ impl Honest {
             }
             Act::Answer(_) => {}
             Act::Pass(ms) => {
-                self.now = self.now + Span::millis(ms);
+                self.now += Span::millis(ms);
                 self.link.wake(self.now);
             }
             Act::Write(length) => {
