@@ -139,6 +139,57 @@ impl View {
         (status, serde_json::from_str(body).unwrap_or_default())
     }
 
+    /// Returns a request of a path with these headers.
+    pub fn post_request(path: &str, host: &str, headers: &str, body: &str) -> String {
+        let length = body.len();
+        format!(
+            "POST {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\nContent-Length: {length}\r\n{headers}\r\n{body}"
+        )
+    }
+
+    /// Returns the headers of an admitted request: its origin, the secret and the type of its body.
+    pub fn headers(&self) -> [String; 3] {
+        [
+            format!("Origin: http://{}\r\n", self.parts().0),
+            format!("Authorization: Bearer {}\r\n", self.secret),
+            "Content-Type: application/json\r\n".to_owned(),
+        ]
+    }
+
+    /// Returns headers that programs of other users and pages of other servers can send, and the status of the answer.
+    pub fn hostile_headers(&self) -> Vec<(u16, String)> {
+        let [origin, secret, kind] = self.headers();
+        let all = format!("{origin}{secret}{kind}");
+        let wrong = format!("Authorization: Bearer {}\r\n", "0".repeat(32));
+        let token = format!("Authorization: Bearer {}\r\n", self.parts().1.trim_matches('/'));
+        let basic = format!("Authorization: Basic {}\r\n", self.secret);
+        let refused = [
+            String::new(),
+            kind.clone(),
+            format!("{secret}{kind}"),
+            format!("{origin}{kind}"),
+            format!("{origin}{wrong}{kind}"),
+            format!("{origin}{token}{kind}"),
+            format!("{origin}{basic}{kind}"),
+            format!("{origin}{secret}{wrong}{kind}"),
+            format!("{origin}Cookie: c={}\r\n{kind}", self.secret),
+            format!("Origin: http://evil.example\r\n{secret}{kind}"),
+            format!("Origin: null\r\n{secret}{kind}"),
+            format!("{origin}Origin: http://evil.example\r\n{secret}{kind}"),
+            format!("{all}Sec-Fetch-Site: cross-site\r\n"),
+            format!("{all}Sec-Fetch-Site: same-site\r\n"),
+            format!("{all}Sec-Fetch-Site: none\r\n"),
+        ];
+        let of_another_type = [
+            format!("{origin}{secret}"),
+            format!("{origin}{secret}Content-Type: text/plain\r\n"),
+            format!("{origin}{secret}Content-Type: application/x-www-form-urlencoded\r\n"),
+            format!("{origin}{secret}Content-Type: multipart/form-data; boundary=x\r\n"),
+        ];
+        let refused = refused.into_iter().map(|headers| (403, headers));
+        refused.chain(of_another_type.into_iter().map(|headers| (415, headers))).collect()
+    }
+
     /// Sends Ctrl-C, and returns the exit code.
     pub fn end(mut self) -> Option<i32> {
         kill_process(Pid::from_child(&self.process), Signal::INT).unwrap();

@@ -300,34 +300,3 @@ fn the_readme_names_the_test_command_of_ci() {
         .expect(".ci/run runs the tests");
     assert!(readme.contains(command), "README.md does not name `{command}`");
 }
-
-/// Links between machines bring many crates; the default build has none of them.
-#[test]
-fn the_default_build_has_no_links_between_machines() {
-    let metadata = MetadataCommand::new()
-        .manifest_path(root().join("Cargo.toml"))
-        // Crates of other platforms and features need not have been downloaded.
-        .other_options(vec![
-            "--offline".to_owned(),
-            "--filter-platform".to_owned(),
-            format!("{}-unknown-linux-gnu", std::env::consts::ARCH),
-        ])
-        .exec()
-        .expect("cargo metadata works offline");
-    let nodes = metadata.resolve.expect("dependencies are resolved").nodes;
-    let names: BTreeSet<String> = nodes
-        .iter()
-        .filter_map(|node| metadata.packages.iter().find(|package| package.id == node.id))
-        .map(|package| package.name.to_string())
-        .collect();
-    assert!(names.contains("iceoryx2"), "the dependencies were not found");
-    let controller = metadata.packages.iter().find(|p| p.name.as_str() == "metamorph-world-controller");
-    let of_feature: Vec<&str> = controller.expect("it is a member").features["hosts"]
-        .iter()
-        .filter_map(|feature| feature.strip_prefix("dep:"))
-        .collect();
-    assert!(of_feature.contains(&"zenoh"), "{of_feature:?}");
-    for name in of_feature.into_iter().chain(["zenoh-transport", "tokio-rustls", "lz4_flex"]) {
-        assert!(!names.contains(name), "the default build has {name}");
-    }
-}

@@ -160,42 +160,9 @@ fn hostile_requests_change_nothing() {
     let directory = tempfile::tempdir().unwrap();
     let view = start(directory.path(), "sim", &[]);
     let (host, root) = view.parts();
-    let (origin, secret) =
-        (format!("Origin: http://{host}\r\n"), format!("Authorization: Bearer {}\r\n", view.secret));
-    let kind = "Content-Type: application/json\r\n";
     let good = body("a", 1, &["kill 3"]);
-    let post = |path: &str, host: &str, headers: &str, body: &str| {
-        let length = body.len();
-        format!(
-            "POST {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\nContent-Length: {length}\r\n{headers}\r\n{body}"
-        )
-    };
     let path = format!("{root}command");
-    let all = format!("{origin}{secret}{kind}");
-    let wrong_secret = format!("Authorization: Bearer {}\r\n", "0".repeat(32));
-    let token = root.trim_matches('/');
-    let token_as_secret = format!("Authorization: Bearer {token}\r\n");
-    let basic = format!("Authorization: Basic {}\r\n", view.secret);
-    let headers = [
-        (403, String::new()),
-        (403, kind.to_owned()),
-        (403, format!("{secret}{kind}")),
-        (403, format!("{origin}{kind}")),
-        (403, format!("{origin}{wrong_secret}{kind}")),
-        (403, format!("{origin}{token_as_secret}{kind}")),
-        (403, format!("{origin}{basic}{kind}")),
-        (403, format!("{origin}{secret}{wrong_secret}{kind}")),
-        (403, format!("Origin: http://evil.example\r\n{secret}{kind}")),
-        (403, format!("Origin: null\r\n{secret}{kind}")),
-        (403, format!("{origin}Origin: http://evil.example\r\n{secret}{kind}")),
-        (403, format!("{all}Sec-Fetch-Site: cross-site\r\n")),
-        (403, format!("{all}Sec-Fetch-Site: same-site\r\n")),
-        (403, format!("{all}Sec-Fetch-Site: none\r\n")),
-        (415, format!("{origin}{secret}")),
-        (415, format!("{origin}{secret}Content-Type: text/plain\r\n")),
-        (415, format!("{origin}{secret}Content-Type: application/x-www-form-urlencoded\r\n")),
-        (415, format!("{origin}{secret}Content-Type: multipart/form-data; boundary=x\r\n")),
-    ];
+    let (post, all, headers) = (View::post_request, view.headers().concat(), view.hostile_headers());
     for (expected, headers) in &headers {
         let (status, answer) = view.raw(&post(&path, host, headers, &good));
         assert_eq!(status, *expected, "{headers}: {answer}");

@@ -78,7 +78,7 @@ fn a_swarm_on_three_hosts_is_built_and_its_journal_replays() {
     assert_eq!(replayed.code, Some(0), "{replayed:?}");
 }
 
-/// A daemon of this machine that has died is certain to be dead, so nobody waits for the fence, which is an hour here.
+/// A daemon of this machine that has died is certain to be dead, so the run does not wait for the fence, which is an hour here.
 #[test]
 fn a_killed_daemon_takes_its_modules_along_and_the_rest_goes_on() {
     let _alone = ALONE.lock();

@@ -19,7 +19,7 @@ use std::time::Duration;
 
 /// Runs of each fault.
 const RUNS: usize = 50;
-/// Between `silent` (1 s) and `fence` (2 s) of the hosts file: nobody counts as dead.
+/// Between `silent` (1 s) and `fence` (2 s) of the hosts file: no host counts as dead.
 const SHORT: Duration = Duration::from_millis(1_300);
 /// Longer than the fence.
 const LONG: Duration = Duration::from_millis(3_500);

@@ -1,12 +1,9 @@
 //! The JSON schemas agree with the program: scenarios that the reader accepts are valid, unknown keys are
-//! not, and neither can be changed without the other. Reports and summaries of real runs are valid;
-//! completions and man pages have every command.
+//! not, and neither can be changed without the other. Reports and summaries of real runs are valid.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
-use clap::CommandFactory;
 use jsonschema::Validator;
-use metamorph_tests::command::{run, scenario, scenarios};
-use metamorph_world_controller::cli::commands::CommandLine;
+use metamorph_tests::command::{names_default, run, scenario, scenarios};
 use metamorph_world_controller::family::families;
 use metamorph_world_controller::family::read_text;
 use metamorph_world_controller::scenario::error::ScenarioError;
@@ -172,6 +169,16 @@ settled_repel = false
 repulsion = { strength = 500, decay = 100, range = 3 }
 seed_authority = "neighbours"
 relocate = true
+[operator]
+kind = "scripted"
+look = "1s"
+notice = "1s..2s"
+think = "2s"
+act = "1s"
+choice = "nearest"
+level = "full"
+window = "30s"
+lease = "60s"
 [[fault]]
 obstacle = [4, 4, 0]
 at = "1s"
@@ -255,6 +262,7 @@ fn tables() -> Vec<(&'static str, &'static str, &'static str, Vec<&'static str>)
         (METAMODULES, "protocol.", "metamoduleProtocol", vec![]),
         (METAMODULES, "protocol.precedence.", "precedence", vec![]),
         (METAMODULES, "protocol.repulsion.", "repulsion", vec![]),
+        (METAMODULES, "operator.", "operator", vec![]),
         (METAMODULES, "fault.0.", "obstacle", fault("obstacle")),
         (ELEMENTS, "swarm.element.0.", "element", vec![]),
         (ELEMENTS, "swarm.element.0.at.", "lying", vec![]),
@@ -377,7 +385,7 @@ fn the_reader_and_the_schema_know_the_same_names() {
 }
 
 /// Each table with defaults: its place in a smallest scenario, and its definition in the schema.
-const SMALLEST: [(&str, &str, &str); 21] = [
+const SMALLEST: [(&str, &str, &str); 22] = [
     (SMALLEST_OF_CUBES, "", ""),
     (SMALLEST_OF_CUBES, "link", "link"),
     (SMALLEST_OF_CUBES, "process", "process"),
@@ -394,6 +402,7 @@ const SMALLEST: [(&str, &str, &str); 21] = [
     (SMALLEST_OF_METAMODULES, "goal.0", "metamoduleGoal"),
     (SMALLEST_OF_METAMODULES, "protocol", "metamoduleProtocol"),
     (LISTED, "swarm.start.0", "place"),
+    (OPERATED, "operator", "operator"),
     (ELEMENTS, "swarm.element.0", "element"),
     (ELEMENTS, "swarm.element.0.at", "lying"),
     (SMALLEST_OF_FREE_MODULES, "swarm", "free-moduleSwarm"),
@@ -451,18 +460,22 @@ start = [{ at = [0, 0] }, { at = [9, 0] }, { at = [0, 9] }, { at = [9, 9] }]
 shape = { box = [3, 3] }
 "#;
 
+const OPERATED: &str = r#"
+version = 1
+[swarm]
+family = "metamodule"
+[[goal]]
+shape = { box = [3, 3] }
+[operator]
+kind = "scripted"
+"#;
+
 /// Returns the plan without the text and the options that it comes from.
 fn plan(text: &str, setting: &str) -> String {
     let mut plan =
         read_text(&origin(), text, &overrides(setting)).unwrap_or_else(|p| panic!("{setting}: {p}"));
     plan.overrides = Overrides::default();
     format!("{plan:?}")
-}
-
-/// Returns true if the text says what happens without the key or option.
-fn names_default(text: &str) -> bool {
-    let text = text.to_lowercase();
-    text.contains("default") || text.contains("left out")
 }
 
 /// A key that can be left out has a default or says what happens then.
@@ -505,40 +518,6 @@ fn the_schema_states_every_default() {
         }
     }
     assert_eq!(stated, compared, "defaults that are stated, and those that are compared");
-}
-
-/// The help states the default of every option with a value, unless the option only adds something: a file, a
-/// fault.
-#[test]
-fn the_help_states_every_default() {
-    let hosts = ["ADDRESS|PATH", "HOST", "FILE|HOSTS"];
-    let adds = ["FILE", "FILE|-", "DIR", "KEY=VALUE", "KEY=V1,V2,..", "ID@T", "ID@T..T"];
-    let line = CommandLine::command();
-    let mut seen = 0;
-    for command in line.get_subcommands().filter(|c| !c.is_hide_set()) {
-        for option in command.get_opts().filter(|o| !o.is_required_set() && o.get_action().takes_values()) {
-            let names: Vec<&str> =
-                option.get_value_names().unwrap_or_default().iter().map(|n| n.as_str()).collect();
-            let help = option.get_help().map(ToString::to_string).unwrap_or_default();
-            let says_it = !option.get_default_values().is_empty() || names_default(&help);
-            assert!(
-                says_it || adds.contains(&names[0]) || hosts.contains(&names[0]),
-                "{} --{}: {help}",
-                command.get_name(),
-                option.get_id()
-            );
-            seen += usize::from(says_it);
-        }
-    }
-    assert!(seen > 15, "only {seen} options state a default");
-    // The stated default is the one in use.
-    let printed = run(&["run", "--help"]).out;
-    for part in ["the scenario's, or 1", "the scenario's, or 0%", "the scenario's, or 20"] {
-        assert!(
-            printed.replace("\n", " ").split_whitespace().collect::<Vec<_>>().join(" ").contains(part),
-            "{part}: {printed}"
-        );
-    }
 }
 
 /// The comparison above would find another default.
@@ -591,31 +570,4 @@ fn reports_and_summaries_are_valid() {
     let ran = run(&[&["sweep", path.to_str().unwrap(), "--seeds", "0..3"], &vary[..]].concat());
     assert_eq!(ran.code, Some(0), "{ran:?}");
     check("summary", &fs::read_to_string(out.join("summary.json")).unwrap());
-}
-
-#[test]
-fn completions_and_man_pages_have_every_command() {
-    let line = CommandLine::command();
-    let commands: Vec<&str> =
-        line.get_subcommands().filter(|c| !c.is_hide_set()).map(|c| c.get_name()).collect();
-    assert!(commands.len() > 5);
-    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
-        let ran = run(&["completions", shell]);
-        assert_eq!(ran.code, Some(0), "{ran:?}");
-        for command in &commands {
-            assert!(ran.out.contains(command), "{shell} does not complete {command}");
-        }
-    }
-    let directory = tempfile::tempdir().unwrap();
-    let pages = directory.path().join("man/man1");
-    let ran = run(&["man", pages.to_str().unwrap()]);
-    assert_eq!(ran.code, Some(0), "{ran:?}");
-    for command in &commands {
-        let page = fs::read_to_string(pages.join(format!("metamorph-{command}.1"))).unwrap();
-        assert!(page.contains(".TH") && page.to_lowercase().contains(command), "{command}");
-    }
-    let file = directory.path().join("file");
-    fs::write(&file, "").unwrap();
-    let refused = run(&["man", file.to_str().unwrap()]);
-    assert!(refused.code == Some(1) && refused.err.contains("fix: "), "{refused:?}");
 }

@@ -184,39 +184,10 @@ fn hostile_requests_have_no_effect() {
     let inside = tempfile::tempdir().unwrap();
     let view = View::start(&["studio", "--dir", inside.path().to_str().unwrap()]);
     let (host, root) = view.parts();
-    let (origin, secret) =
-        (format!("Origin: http://{host}\r\n"), format!("Authorization: Bearer {}\r\n", view.secret));
-    let kind = "Content-Type: application/json\r\n";
     let mut good = start(&chair(), "cube", "ipc");
     good["version"] = json!(1);
     let good = good.to_string();
-    let post = |path: &str, host: &str, headers: &str, body: &str| {
-        let length = body.len();
-        format!(
-            "POST {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\nContent-Length: {length}\r\n{headers}\r\n{body}"
-        )
-    };
-    let wrong = format!("Authorization: Bearer {}\r\n", "0".repeat(32));
-    let token = format!("Authorization: Bearer {}\r\n", root.trim_matches('/'));
-    let all = format!("{origin}{secret}{kind}");
-    let headers = [
-        (403, String::new()),
-        (403, format!("{secret}{kind}")),
-        (403, format!("{origin}{kind}")),
-        (403, format!("{origin}{wrong}{kind}")),
-        (403, format!("{origin}{token}{kind}")),
-        (403, format!("{origin}{secret}{wrong}{kind}")),
-        (403, format!("{origin}Cookie: c={}\r\n{kind}", view.secret)),
-        (403, format!("Origin: http://evil.example\r\n{secret}{kind}")),
-        (403, format!("Origin: null\r\n{secret}{kind}")),
-        (403, format!("{all}Sec-Fetch-Site: cross-site\r\n")),
-        (403, format!("{all}Sec-Fetch-Site: same-site\r\n")),
-        (403, format!("{all}Sec-Fetch-Site: none\r\n")),
-        (415, format!("{origin}{secret}")),
-        (415, format!("{origin}{secret}Content-Type: text/plain\r\n")),
-        (415, format!("{origin}{secret}Content-Type: application/x-www-form-urlencoded\r\n")),
-        (415, format!("{origin}{secret}Content-Type: multipart/form-data; boundary=x\r\n")),
-    ];
+    let (post, all, headers) = (View::post_request, view.headers().concat(), view.hostile_headers());
     for name in ["start", "stop", "save", "open", "analyse", "begin", "state"] {
         for (expected, headers) in &headers {
             // What a body says is looked at after everything else.

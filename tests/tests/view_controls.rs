@@ -259,7 +259,7 @@ const TOO_FAINT: &str = "(() => { \
         if (ratio < 4.5) faint.push(`${ink} on ${paper} ${ratio.toFixed(2)}`); } \
     return faint; })()";
 
-/// Elements that are cut off at the right, and controls that nobody can reach.
+/// Elements that are cut off at the right, and controls that cannot be reached.
 const CUT_OFF: &str = "(() => { const off = []; \
     for (const e of document.querySelectorAll('body *')) { const b = e.getBoundingClientRect(); \
         if (b.width > 0 && b.right > innerWidth + 1) off.push(`${e.tagName} ${e.id} ${Math.round(b.right)}`); } \

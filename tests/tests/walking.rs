@@ -231,42 +231,6 @@ fn twenty_runs_are_equal() {
     assert_eq!(hashes.len(), 1);
 }
 
-/// What a free module's agent needs: nothing of physics.
-#[test]
-fn agents_need_no_physics_engine() {
-    let metadata = cargo_metadata::MetadataCommand::new()
-        .manifest_path(root().join("Cargo.toml"))
-        // Crates of other platforms need not have been downloaded.
-        .other_options(vec![
-            "--offline".to_owned(),
-            "--filter-platform".to_owned(),
-            format!("{}-unknown-linux-gnu", std::env::consts::ARCH),
-        ])
-        .exec()
-        .expect("cargo metadata works offline");
-    let nodes = &metadata.resolve.as_ref().unwrap().nodes;
-    let agent = metadata.packages.iter().find(|p| p.name.as_str() == "metamorph-module-agent").unwrap();
-    let (mut reached, mut next) = (BTreeSet::from([agent.id.clone()]), vec![agent.id.clone()]);
-    while let Some(id) = next.pop() {
-        let node = nodes.iter().find(|node| node.id == id).unwrap();
-        let normal = |d: &&cargo_metadata::NodeDep| {
-            d.dep_kinds.iter().any(|k| k.kind == cargo_metadata::DependencyKind::Normal)
-        };
-        for dependency in node.deps.iter().filter(normal) {
-            if reached.insert(dependency.pkg.clone()) {
-                next.push(dependency.pkg.clone());
-            }
-        }
-    }
-    let names: BTreeSet<&str> =
-        metadata.packages.iter().filter(|p| reached.contains(&p.id)).map(|p| p.name.as_str()).collect();
-    assert!(names.contains("metamorph-protocol") && names.len() > 10, "{names:?}");
-    for absent in ["rapier3d", "parry3d", "glamx", "metamorph-sim-bridge"] {
-        assert!(!names.contains(absent), "the agent needs {absent}: {names:?}");
-    }
-    println!("{} crates", names.len());
-}
-
 /// The value of a key of the report, which a schema describes.
 #[test]
 fn reports_follow_the_schema() {

@@ -377,20 +377,23 @@ impl<P: Prover> HostLink<P> {
     }
 
     fn on_hello(&mut self, now: Time, life: Life, attempt: u64, terms: Terms) -> Result<(), Refused> {
-        self.check(&terms)?;
         // The present life says hello again when it has not heard this end; acknowledgements will reach it.
         if self.peer_life() == Some(life) {
             return Ok(());
         }
+        let checked = self.check(&terms);
         let challenge = self.next_number(now);
-        let known = self.candidate.filter(|c| c.life == life).map(|c| c.asked.first);
-        let asked = Asked { first: known.unwrap_or(challenge), last: challenge };
-        self.candidate = Some(Candidate { life, terms, asked });
+        if checked.is_ok() {
+            let known = self.candidate.filter(|c| c.life == life).map(|c| c.asked.first);
+            let asked = Asked { first: known.unwrap_or(challenge), last: challenge };
+            self.candidate = Some(Candidate { life, terms, asked });
+        }
+        // An end with other terms gets an answer too, which says why it is refused; what it confirms was not asked for.
         let Config { host, peer, run, .. } = self.config;
         let proof = self.prover.prove(run, (host, self.config.life), (peer, life), attempt);
         let accept = Content::Accept { attempt, challenge, terms: self.config.terms, proof };
         self.out.push_back(OutputItem::Packet(accept, life));
-        Ok(())
+        checked
     }
 
     fn on_accept(

@@ -280,8 +280,8 @@ impl Operator {
         acts
     }
 
-    fn draw(&mut self, (from, to): (Span, Span)) -> Span {
-        from + Span(self.rng.below((to.0.saturating_sub(from.0)).saturating_add(1)))
+    fn draw(&mut self, range: (Span, Span)) -> Span {
+        draw(&mut self.rng, range)
     }
 
     /// Notes what has changed since the last step.
@@ -315,10 +315,8 @@ impl Operator {
             if !watched.is_stuck {
                 watched.noticed = None;
             } else if watched.noticed.is_none() {
-                let (from, to) = self.habits.notice;
                 // It is seen at the next look.
-                let seen = self.look_at.max(now);
-                let at = seen + from + Span(self.rng.below((to.0.saturating_sub(from.0)).saturating_add(1)));
+                let at = self.look_at.max(now) + draw(&mut self.rng, self.habits.notice);
                 watched.noticed = Some(at);
                 self.counts.noticed += 1;
                 self.counts.notice_delay = self.counts.notice_delay + at.since(last + window);
@@ -407,6 +405,11 @@ impl Operator {
         (watched.again, watched.noticed) = (now + rest, None);
         (self.phase, self.look_at) = (Phase::Looking, now + self.habits.look);
     }
+}
+
+/// Draws a time, both ends included.
+fn draw(rng: &mut Rng, (from, to): (Span, Span)) -> Span {
+    from + Span(rng.below((to.0.saturating_sub(from.0)).saturating_add(1)))
 }
 
 /// Notes the performance of a unit that made its last progress at `last`.

@@ -45,10 +45,11 @@ Machines are connected with mutual TLS; this needs a program built with `--featu
 #[derive(Debug, Args)]
 pub struct HostArgs {
     /// Where controllers and the daemons of other hosts connect: a machine and port such as 10.0.0.2:7447, or the path
-    /// of a socket, whose directory's permissions control access; it must not be in use
+    /// of a socket, whose directory's permissions control access; it must not be in use. Default: none, it is needed
+    /// unless keys are made or a daemon is asked
     #[arg(long, value_name = "ADDRESS|PATH", value_parser = address, required_unless_present_any = ["make_keys", "status"])]
     pub listen: Option<Address>,
-    /// Which host this is, or which one is asked: h2, h3 and so on
+    /// Which host this is, or which one is asked: h2, h3 and so on. Default: none, or h2 for --status
     #[arg(long, value_name = "HOST", value_parser = host_name)]
     pub name: Option<HostId>,
     /// The directory of keys, for links between machines
@@ -58,13 +59,13 @@ pub struct HostArgs {
     #[arg(long, value_name = "N", default_value_t = MODULE_LIMIT as u32, value_parser = clap::value_parser!(u32).range(1..=MODULE_LIMIT as i64))]
     pub most: u32,
     /// Make an authority, a token, and certificates for the hosts of this hosts file in the new directory --keys; or for
-    /// hosts with their machines, such as h1,h2=10.0.0.2,h3=rack3
+    /// hosts with their machines, such as h1,h2=10.0.0.2,h3=rack3. Default: none
     #[arg(long, value_name = "FILE|HOSTS", requires = "keys")]
     pub make_keys: Option<String>,
     /// How long certificates are valid that are made
     #[arg(long, value_name = "DAYS", default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=3650))]
     pub days: u32,
-    /// Print what the daemon there does, and its room
+    /// Print what the daemon there does, and its room. Default: none
     #[arg(long, value_name = "ADDRESS|PATH", value_parser = address, conflicts_with_all = ["listen", "make_keys"])]
     pub status: Option<Address>,
     /// End after one run, or with the process that started this one

@@ -2,8 +2,8 @@
 
 use super::model::{Area, Block, Room};
 use super::reach::Stage;
-use crate::family::metamodule::FACES;
-use metamorph_protocol::metamodule::blueprint::{MAX_SEEDS, Seed};
+use crate::family::metamodule::seed_text;
+use metamorph_protocol::metamodule::blueprint::MAX_SEEDS;
 use metamorph_protocol::metamodule::params::LEAST_COMMUNICATION_RANGE;
 use metamorph_protocol::roombots::Kind;
 use std::fmt::Write;
@@ -72,7 +72,7 @@ pub fn scenario(room: &Room, stages: &[Stage], kind: Kind, origin: &str) -> Resu
         for level in &stage.levels {
             let _ = writeln!(out, "    [");
             for seed in level {
-                let _ = writeln!(out, "        {},", of_seed(seed));
+                let _ = writeln!(out, "        {},", seed_text(seed));
             }
             let _ = writeln!(out, "    ],");
         }
@@ -88,10 +88,4 @@ pub fn scenario(room: &Room, stages: &[Stage], kind: Kind, origin: &str) -> Resu
 /// A name without what would end a comment.
 fn comment(name: &str) -> String {
     name.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
-}
-
-fn of_seed(seed: &Seed) -> String {
-    let name = |face| FACES.iter().find(|(_, f)| *f == face).map_or("", |(name, _)| *name);
-    let names: Vec<String> = seed.directions.iter().map(|face| format!("\"{}\"", name(*face))).collect();
-    format!("{{ foot = [{}, {}], directions = [{}] }}", seed.foot.0, seed.foot.1, names.join(", "))
 }

@@ -76,7 +76,7 @@ pub struct RoomArgs {
     /// Move pieces so that nothing is violated, by the least total displacement
     #[arg(long, conflicts_with_all = ["check", "snap", "template"])]
     pub put_right: bool,
-    /// Find the nearest place for this piece at which it violates nothing
+    /// Find the nearest place for this piece at which it violates nothing. Default: none
     #[arg(long, value_name = "PIECE", conflicts_with_all = ["check", "template"])]
     pub snap: Option<String>,
     /// Write a scenario in which metamodules from the store build the room
@@ -91,10 +91,10 @@ pub struct RoomArgs {
     /// A session log to be measured
     #[arg(long, value_name = "FILE", requires = "measure")]
     pub study: Option<PathBuf>,
-    /// Print [[piece]] tables of an arrangement of equal pieces
+    /// Print [[piece]] tables of an arrangement of equal pieces. Default: none
     #[arg(long, value_enum, requires = "count")]
     pub template: Option<TemplateArg>,
-    /// How many pieces: N, or NxM in M rows
+    /// How many pieces: N, or NxM in M rows. Default: none, --template needs it
     #[arg(long, value_name = "N|NxM", value_parser = count, requires = "template")]
     pub count: Option<(usize, usize)>,
     /// The middle of a circle or an auditorium, or the corner of a row or a grid

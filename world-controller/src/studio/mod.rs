@@ -42,7 +42,7 @@ Examples:
   metamorph studio deploy/shapes/chair.toml              open a drawing, a solid or a configuration
   metamorph studio --dir drawings --modules 24           keep drawings in a directory; there are 24 modules
 
-Two addresses are printed. The first ends with a secret: whoever opens it can draw and start runs. The second only
+Two addresses are printed. The first ends with a secret and permits drawing and starting runs. The second only
 shows the latest run. Both work on this machine only and without a network. `?` on the page lists its keys. Ctrl-C
 ends the studio, and a run that is going on.
 
@@ -60,7 +60,7 @@ pub struct StudioArgs {
     /// Read and write drawings in this directory; default: none, the browser downloads and uploads them
     #[arg(long, value_name = "DIR")]
     pub dir: Option<PathBuf>,
-    /// The number of modules that there are; the page says when a drawing takes more
+    /// The number of modules that there are; the page says when a drawing takes more. Default: any number
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub modules: Option<u32>,
     /// The port of the page's address, for example one that is forwarded; default: any free one
@@ -124,7 +124,7 @@ pub fn studio(args: &StudioArgs, interrupt: &Interrupt) -> Result<u8, StudioErro
         "open {address}#c={} in a browser\nto only look at what is started, open {address}run/\nCtrl-C ends it",
         secret.text()
     ));
-    // Nobody has seen the address if it could not be printed.
+    // An address that could not be printed is of no use.
     if terminal::failure().is_none() {
         desk.carry_out(interrupt);
     }

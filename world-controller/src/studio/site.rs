@@ -10,7 +10,7 @@ use crate::scenario::family::DrawnStructure;
 use crate::scenario::mesh_import::drawing;
 use crate::scenario::{LinkKind, Overrides, Plan};
 use crate::view::access::{AccessCheck, Token};
-use crate::view::http::{Answer, JS, Site, json_body, refused};
+use crate::view::http::{Answer, JS, Site, TEXT, json_body, refused};
 use crate::view::server::{LIBRARY, file as file_of_view};
 use hyper::body::{Bytes, Incoming};
 use hyper::{Method, Request, StatusCode};
@@ -164,9 +164,7 @@ impl Site for Studio {
             Err(refusal) => Answer::refused(refusal),
             Ok(rest) => match (rest.strip_prefix("run/"), self.desk.page()) {
                 (Some(rest), Some(page)) => page.read(rest, query, is_drawing).await,
-                (Some(_), None) => {
-                    Answer::of(StatusCode::NOT_FOUND, "text/plain; charset=utf-8", "nothing is started yet\n")
-                }
+                (Some(_), None) => Answer::of(StatusCode::NOT_FOUND, TEXT, "nothing is started yet\n"),
                 (None, _) => file(rest).map_or_else(Answer::not_found, |(content_type, text)| {
                     Answer::of(StatusCode::OK, content_type, text)
                 }),

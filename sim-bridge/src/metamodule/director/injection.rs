@@ -32,15 +32,16 @@ impl MetamoduleDirector {
         // A fault or its end may resolve a standstill.
         self.last_deed = now;
         let Some(id) = fault.module() else { return self.strike_cell(now, fault, world) };
-        let (alive, mut effect) = (self.known[id.index()].alive, self.found(id, world));
-        if let Err(rule) = self.rule(&fault) {
+        let (alive, mut effect, rule) =
+            (self.known[id.index()].alive, self.found(id, world), self.rule(&fault));
+        if let Err(rule) = &rule {
             effect = format!("{effect}; refused: {rule}");
         }
         self.faults.inject(now, fault, alive, effect, &mut self.commands);
         match fault {
             Fault::Stick(_) => world.set_stuck(id, true),
             Fault::Unstick(_) => world.set_stuck(id, false),
-            Fault::Steer(_, steering) => self.steer(now, id, steering),
+            Fault::Steer(_, steering) if rule.is_ok() => self.steer(now, id, steering),
             _ => {}
         }
     }
@@ -72,11 +73,8 @@ impl MetamoduleDirector {
         }
     }
 
-    /// Hands a command to the metamodule, unless a rule refuses it.
+    /// Hands a command that no rule refuses to the metamodule.
     fn steer(&mut self, now: Time, id: ModuleId, commanded: Commanded) {
-        if self.rule(&Fault::Steer(id, commanded)).is_err() {
-            return;
-        }
         let (steering, lease) = match commanded {
             Commanded::GoTo(to, lease) => (Steering::GoTo((to.x, to.y)), lease),
             Commanded::Take(seed, lease) => (Steering::Take(seed), lease),
@@ -89,13 +87,13 @@ impl MetamoduleDirector {
     }
 
     fn move_goal(&mut self, now: Time, fault: Fault, by: Shift) {
-        let effect = match self.rule(&fault) {
-            Ok(()) => format!("the goal was moved by {:?}", self.task.shift),
+        let rule = self.rule(&fault);
+        let effect = match &rule {
+            Ok(()) => format!("the goal was shifted by {:?} before", self.task.shift),
             Err(rule) => format!("refused: {rule}"),
         };
-        let is_allowed = self.rule(&fault).is_ok();
         self.faults.inject(now, fault, false, effect, &mut self.commands);
-        if is_allowed {
+        if rule.is_ok() {
             let (x, y) = self.task.shift;
             self.move_to(now, (x.saturating_add(by.0), y.saturating_add(by.1)));
         }

@@ -1,15 +1,14 @@
 //! The scenario in which metamodules build a drawn structure: each of its chains is a seed.
 
+use super::scenario::seed_text;
 use crate::scenario::family::DrawnStructure;
-use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::blueprint::MAX_SEEDS;
+use metamorph_protocol::lattice::{Cell, Face};
+use metamorph_protocol::metamodule::blueprint::{MAX_SEEDS, Seed};
 
 /// Connectors of the floor around the structure, on each side.
 const MARGIN: i16 = 5;
 /// Scenario seconds per second on the process link: a person waits for it.
 const TIME_SCALE: u32 = 20;
-/// The names of directions, by number of the face.
-const DIRECTIONS: [&str; 6] = ["east", "west", "north", "south", "up", "down"];
 
 /// Returns the text of the scenario, or why there is none.
 pub fn scenario(drawing: &DrawnStructure<'_>) -> Result<String, String> {
@@ -26,10 +25,10 @@ pub fn scenario(drawing: &DrawnStructure<'_>) -> Result<String, String> {
     let extent = |high: Option<i16>, low: i16| high.unwrap_or(low).saturating_sub(low);
     let side = [extent(x.max(), low.x), extent(y.max(), low.y)].map(|side| side + 2 * MARGIN);
     let seed = |chain: &[Cell; 4]| {
-        let steps = chain.windows(2).filter_map(|pair| pair[0].face_to(pair[1]));
-        let steps: Vec<String> = steps.map(|face| format!("\"{}\"", DIRECTIONS[face.index()])).collect();
-        let foot = [chain[0].x - low.x + MARGIN, chain[0].y - low.y + MARGIN];
-        format!("    {{ foot = {foot:?}, directions = [{}] }},\n", steps.join(", "))
+        // Invariant: cells of a chain follow on each other.
+        let step = |i: usize| chain[i].face_to(chain[i + 1]).unwrap_or(Face::Up);
+        let foot = (chain[0].x - low.x + MARGIN, chain[0].y - low.y + MARGIN);
+        format!("    {},\n", seed_text(&Seed { foot, directions: [step(0), step(1), step(2)] }))
     };
     let name = toml::Value::String(drawing.name.to_owned());
     Ok(format!(

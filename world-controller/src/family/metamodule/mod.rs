@@ -20,7 +20,7 @@ mod scenario;
 mod schema;
 mod words;
 
-pub use scenario::FACES;
+pub use scenario::seed_text;
 
 use crate::family::generated::{Dice, GeneratedSwarm};
 use crate::family::{ExploredFamily, FamilyParts};

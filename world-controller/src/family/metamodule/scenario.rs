@@ -97,6 +97,14 @@ pub const FACES: [(&str, Face); 6] = [
     ("east", Face::East),
     ("west", Face::West),
 ];
+
+/// Returns a seed as scenarios have it.
+pub fn seed_text(seed: &Seed) -> String {
+    let name = |face| FACES.iter().find(|(_, f)| *f == face).map_or("", |(name, _)| *name);
+    let names: Vec<String> = seed.directions.iter().map(|face| format!("\"{}\"", name(*face))).collect();
+    format!("{{ foot = [{}, {}], directions = [{}] }}", seed.foot.0, seed.foot.1, names.join(", "))
+}
+
 /// What metamodules do where a plan leaves seeds unfilled, the default first; true if they decide for themselves.
 pub const FALLBACKS: [(&str, bool); 2] = [("negotiated", true), ("none", false)];
 /// Which instance opens seeds.

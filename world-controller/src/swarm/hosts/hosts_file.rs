@@ -68,7 +68,6 @@ pub enum Placement {
 struct RawHost {
     name: String,
     address: String,
-    most: Option<u32>,
 }
 
 /// The hosts of a run.
@@ -76,8 +75,6 @@ struct RawHost {
 pub struct HostsFile {
     /// The addresses of the daemons of h2, h3, ...
     pub addresses: Vec<Address>,
-    /// The most modules on h1, h2, ..., as far as the file says.
-    pub most: Vec<Option<u32>>,
     /// The placement, if the file says one.
     pub placement: Option<Placement>,
     /// The directory of this host's keys.
@@ -125,8 +122,8 @@ impl HostsFile {
             let what = format!("`fence` is {fence} and `silent` {silent}");
             return Err(bad(what, "make `fence` at least twice as long as `silent`"));
         }
-        let (mut addresses, mut most) = (Vec::new(), Vec::new());
-        for (RawHost { name, address, most: room }, number) in raw.host.iter().zip(0u16..) {
+        let mut addresses = Vec::new();
+        for (RawHost { name, address }, number) in raw.host.iter().zip(0u16..) {
             let expected = HostId(number).to_string();
             if *name != expected {
                 let what = format!("host `{name}` is in the place of `{expected}`");
@@ -139,7 +136,6 @@ impl HostsFile {
                     "write `local` for h1, where the controller is, and for no other host",
                 ));
             }
-            most.push(*room);
             if number > 0 {
                 addresses.push(address.parse::<Address>().map_err(|e| {
                     let what = format!("the address of {name} is `{address}`: {e}");
@@ -169,7 +165,6 @@ impl HostsFile {
         let beside = path.parent().unwrap_or(Path::new(""));
         Ok(HostsFile {
             addresses,
-            most,
             placement: raw.placement.map(|placement| placement.by),
             keys: raw.keys.map(|keys| beside.join(keys)),
             clock_error: (away > 0).then_some(clock_error),
@@ -197,7 +192,7 @@ mod tests {
     fn a_hosts_file_names_addresses_and_times() {
         let file = parse(GOOD).unwrap();
         assert_eq!((file.count(), &file.addresses[..]), (2, &[Address::Unix("/run/h2".into())][..]));
-        assert_eq!((file.keys, file.clock_error, file.most), (None, None, vec![None; 2]));
+        assert_eq!((file.keys, file.clock_error), (None, None));
         assert_eq!((file.timing.silent, file.timing.fence), (Span::secs(1), Span::secs(3)));
     }
 

@@ -78,7 +78,6 @@ pub struct Reached {
 }
 
 /// The way to daemons.
-#[derive(Default)]
 pub struct Reach {
     build: u64,
     #[cfg(feature = "hosts")]
@@ -90,10 +89,15 @@ impl Reach {
     ///
     /// # Errors
     /// If keys are missing, or the program has no links between machines.
-    #[allow(clippy::needless_update, reason = "there are more fields with the feature `hosts`")]
     pub fn new(addresses: &[Address], keys: Option<&Path>, build: u64) -> Result<Reach, ReachError> {
         let away = (1u16..).map(HostId).zip(addresses).find(|(_, a)| matches!(a, Address::Net { .. }));
-        let Some((host, address)) = away else { return Ok(Reach { build, ..Reach::default() }) };
+        let Some((host, address)) = away else {
+            return Ok(Reach {
+                build,
+                #[cfg(feature = "hosts")]
+                net: None,
+            });
+        };
         #[cfg(feature = "hosts")]
         {
             let _ = (host, address);

@@ -27,7 +27,7 @@ pub fn swarm() -> [(&'static str, Value); 3] {
         (
             "ground",
             table(
-                "With body physics: the ground.",
+                "With body physics: the ground. Default: level.",
                 &[],
                 json!({
                     "slope": said(

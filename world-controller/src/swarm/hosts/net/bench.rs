@@ -18,6 +18,7 @@ use metamorph_protocol::host_link::{
 use metamorph_protocol::ids::{HostId, Incarnation, ModuleId, Port};
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{self, Decoder, Encoder, Frame, HEADER, Header, Wire, WireError};
+use rustix::time::{ClockId, clock_gettime};
 use std::io;
 use std::net::TcpListener;
 use std::path::Path;
@@ -42,8 +43,6 @@ const IDLE: Duration = Duration::from_millis(1);
 const FRAME: usize = 96;
 /// Frames handed in before the link gets a turn.
 const TURN: usize = 256;
-/// Ticks of processor time in a second, as Linux counts them for other programs.
-const TICKS: f64 = 100.0;
 
 /// Why a measurement fails.
 #[derive(Debug, Error)]
@@ -117,11 +116,9 @@ impl Wire for Filler {
 }
 
 /// Returns the processor time of this process in seconds.
-fn processor_time() -> io::Result<f64> {
-    let text = std::fs::read_to_string("/proc/self/stat")?;
-    // Fields are counted after the name, which may contain spaces.
-    let fields = text.rsplit(')').next().unwrap_or_default().split_whitespace();
-    Ok(fields.skip(11).take(2).filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() / TICKS)
+fn processor_time() -> f64 {
+    let time = clock_gettime(ClockId::ProcessCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 / 1e9
 }
 
 /// One end of a host link over a line.
@@ -230,7 +227,7 @@ fn drive(here: &mut End, echoes: &AtomicBool) -> Result<(Cost, u64), NetBenchErr
         trips.push(begun.elapsed());
     }
     echoes.store(false, Ordering::Relaxed);
-    let (before, taken, begun) = (processor_time()?, total(&here.link.counts().taken), Stopwatch::start());
+    let (before, taken, begun) = (processor_time(), total(&here.link.counts().taken), Stopwatch::start());
     let mut number = 0;
     while begun.elapsed() < LONG {
         let room = FRAME_WINDOW - here.link.open_frames();
@@ -242,7 +239,7 @@ fn drive(here: &mut End, echoes: &AtomicBool) -> Result<(Cost, u64), NetBenchErr
         }
         here.turn(if room == 0 { IDLE } else { Duration::ZERO })?;
     }
-    let (real, processor) = (begun.elapsed().as_secs_f64(), processor_time()? - before);
+    let (real, processor) = (begun.elapsed().as_secs_f64(), processor_time() - before);
     let frames = (total(&here.link.counts().taken) - taken) as f64;
     let cost = cost(frames, real, processor, &mut trips);
     let clock = here.link.clock(Time(monotonic()));
@@ -304,7 +301,7 @@ fn bare(near: &Keys, far: &Keys) -> Result<Cost, NetBenchError> {
     let bytes = frame(0).to_bytes()[..FRAME].to_vec();
     let mut trips = trips(&ping, &bytes, &answers)?;
     let puts = publisher(&near, ("h1", "h2"), "p", CongestionControl::Block, false)?;
-    let (before, begun, mut sent) = (processor_time()?, Stopwatch::start(), 0);
+    let (before, begun, mut sent) = (processor_time(), Stopwatch::start(), 0);
     while begun.elapsed() < LONG {
         puts.put(bytes.clone()).wait().map_err(NetBenchError::Zenoh)?;
         sent += 1;
@@ -315,7 +312,7 @@ fn bare(near: &Keys, far: &Keys) -> Result<Cost, NetBenchError> {
         }
         std::thread::park_timeout(IDLE);
     }
-    let (real, processor) = (begun.elapsed().as_secs_f64(), processor_time()? - before);
+    let (real, processor) = (begun.elapsed().as_secs_f64(), processor_time() - before);
     Ok(cost(sent as f64, real, processor, &mut trips))
 }
 

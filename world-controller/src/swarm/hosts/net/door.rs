@@ -229,7 +229,7 @@ impl Reply {
 /// An opening that has arrived, and the way to answer it.
 pub type Knock = (Opening, Reply);
 
-/// Serves conversations until nobody takes openings any longer. One begins when the one before has ended, or when another
+/// Serves conversations until the receiver of openings is gone. One begins when the one before has ended, or when another
 /// life of the controller's host is heard.
 pub fn serve(net: &Arc<Net>, build: u64, room: u32, openings: &SyncSender<Knock>) -> io::Result<()> {
     let mut talk = Talk::new(net, HostId::CONTROLLER, build, room)?;

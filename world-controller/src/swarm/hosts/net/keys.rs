@@ -96,7 +96,7 @@ fn read(path: &Path) -> Result<Vec<u8>, KeysError> {
     Ok(bytes)
 }
 
-/// Reads a file that nobody else may read.
+/// Reads a file, and refuses one that other users can read.
 fn secret(path: &Path) -> Result<Vec<u8>, KeysError> {
     let bytes = read(path)?;
     let mode = fs::metadata(path).map_err(|e| KeysError::Read(path.to_owned(), e))?.permissions().mode();
@@ -107,7 +107,7 @@ fn secret(path: &Path) -> Result<Vec<u8>, KeysError> {
 }
 
 /// Makes an authority, and the keys of these hosts with the machines under which they are reached, in a new directory.
-/// The authority's own key is not kept, so nobody can add a certificate later.
+/// The authority's own key is not kept, so no certificate can be added later.
 ///
 /// # Errors
 /// If the directory exists, or a file cannot be written.

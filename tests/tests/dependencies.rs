@@ -1,0 +1,68 @@
+//! What crates need in the end, through all their dependencies: nothing that is kept out of them.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
+#![allow(clippy::print_stdout, reason = "says how many there are")]
+
+use cargo_metadata::{DependencyKind, Metadata, MetadataCommand, NodeDep};
+use metamorph_tests::command::root;
+use std::collections::BTreeSet;
+
+/// Returns the resolved dependencies of the default build on this platform.
+fn metadata() -> Metadata {
+    MetadataCommand::new()
+        .manifest_path(root().join("Cargo.toml"))
+        // Crates of other platforms and features need not have been downloaded.
+        .other_options(vec![
+            "--offline".to_owned(),
+            "--filter-platform".to_owned(),
+            format!("{}-unknown-linux-gnu", std::env::consts::ARCH),
+        ])
+        .exec()
+        .expect("cargo metadata works offline")
+}
+
+/// What a free module's agent needs: nothing of physics.
+#[test]
+fn agents_need_no_physics_engine() {
+    let metadata = metadata();
+    let nodes = &metadata.resolve.as_ref().unwrap().nodes;
+    let agent = metadata.packages.iter().find(|p| p.name.as_str() == "metamorph-module-agent").unwrap();
+    let (mut reached, mut next) = (BTreeSet::from([agent.id.clone()]), vec![agent.id.clone()]);
+    while let Some(id) = next.pop() {
+        let node = nodes.iter().find(|node| node.id == id).unwrap();
+        let normal = |d: &&NodeDep| d.dep_kinds.iter().any(|k| k.kind == DependencyKind::Normal);
+        for dependency in node.deps.iter().filter(normal) {
+            if reached.insert(dependency.pkg.clone()) {
+                next.push(dependency.pkg.clone());
+            }
+        }
+    }
+    let names: BTreeSet<&str> =
+        metadata.packages.iter().filter(|p| reached.contains(&p.id)).map(|p| p.name.as_str()).collect();
+    assert!(names.contains("metamorph-protocol") && names.len() > 10, "{names:?}");
+    for absent in ["rapier3d", "parry3d", "glamx", "metamorph-sim-bridge"] {
+        assert!(!names.contains(absent), "the agent needs {absent}: {names:?}");
+    }
+    println!("{} crates", names.len());
+}
+
+/// Links between machines bring many crates; the default build has none of them.
+#[test]
+fn the_default_build_has_no_links_between_machines() {
+    let metadata = metadata();
+    let nodes = metadata.resolve.expect("dependencies are resolved").nodes;
+    let names: BTreeSet<String> = nodes
+        .iter()
+        .filter_map(|node| metadata.packages.iter().find(|package| package.id == node.id))
+        .map(|package| package.name.to_string())
+        .collect();
+    assert!(names.contains("iceoryx2"), "the dependencies were not found");
+    let controller = metadata.packages.iter().find(|p| p.name.as_str() == "metamorph-world-controller");
+    let of_feature: Vec<&str> = controller.expect("it is a member").features["hosts"]
+        .iter()
+        .filter_map(|feature| feature.strip_prefix("dep:"))
+        .collect();
+    assert!(of_feature.contains(&"zenoh"), "{of_feature:?}");
+    for name in of_feature.into_iter().chain(["zenoh-transport", "tokio-rustls", "lz4_flex"]) {
+        assert!(!names.contains(name), "the default build has {name}");
+    }
+}
