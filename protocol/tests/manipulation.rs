@@ -6,7 +6,7 @@ use metamorph_protocol::manipulation::carry::CarryTable;
 use metamorph_protocol::manipulation::contact::ElementSweeper;
 use metamorph_protocol::manipulation::element::Element;
 use metamorph_protocol::manipulation::handover::HandoverTable;
-use metamorph_protocol::manipulation::load::{Limits, LoadTable};
+use metamorph_protocol::manipulation::load::{Limits, LoadTable, standing_peak};
 use metamorph_protocol::manipulation::stride::{Estimate, Strides};
 use metamorph_protocol::roombots::database::Database;
 use metamorph_protocol::roombots::grid::GridState;
@@ -161,4 +161,18 @@ fn json_of(kind: Kind, estimate: Estimate, limits: torque::Limits) -> Value {
         "postures": strides.postures, "steps": strides.steps, "landing_states": strides.landings.len(),
         "moves": walk.map(|w| w.moves), "degrees": walk.map(|w| w.degrees),
     })
+}
+
+/// A negative control: limits of torque that hold only for the posture at the end of a step (thesis 5.1.3, step 5) let steps
+/// pass with 1.4 kg on which joints exceed them.
+#[test]
+fn torque_at_the_end_of_a_step_alone_is_not_enough() {
+    let (table, cube) =
+        (DATABASE.table(Kind::Srs), &CarryTable::all(&DATABASE, Kind::Srs, &element("cube"))[0]);
+    let loads = LoadTable::new(table, cube, Face::Down);
+    let stands = |posture: u16| standing_peak(table, cube, Face::Down, posture, 1400).within(Limits::NOMINAL);
+    let passes = |step: usize| loads.peak(step, 1400).within(Limits::NOMINAL);
+    let steps = cube.steps().iter().enumerate();
+    let exceeding = steps.filter(|(i, s)| stands(s.from) && stands(s.to) && !passes(*i)).count();
+    assert!(exceeding > 0);
 }

@@ -7,7 +7,7 @@ use metamorph_protocol::manipulation::element::{cell_at, moved};
 use metamorph_protocol::manipulation::load::Limits;
 use metamorph_protocol::manipulation::scene::Scene;
 use metamorph_protocol::manipulation::terrain::Terrain;
-use metamorph_protocol::manipulation::transport::{Answer, Plan, Reason, Task, plan};
+use metamorph_protocol::manipulation::transport::{Answer, Plan, Reason, Task, plan, plan_any_colour};
 use metamorph_protocol::manipulation::verification::Deed;
 use metamorph_protocol::manipulation::walking::{Body, Ground, Motion};
 use metamorph_protocol::manipulation::worlds::World;
@@ -22,6 +22,7 @@ use std::sync::Arc;
 fn check(scene: &Scene, ground: &Ground<'_>, task: &Task, plan: &Plan) {
     let table = scene.table();
     let (mut bodies, mut cube, mut holder) = (task.bodies.clone(), task.start[0], None);
+    let mut put_down = 0;
     let head = |body: &Body| {
         let head = table.postures()[usize::from(body.posture)].posture.placement().head;
         scene.pose(body.foothold).compose(head)
@@ -53,7 +54,12 @@ fn check(scene: &Scene, ground: &Ground<'_>, task: &Task, plan: &Plan) {
                 // The one that held it lets go in the next action.
                 holder = Some(action.mover);
             }
-            Deed::LetGo => assert_ne!(holder, Some(action.mover), "the element stays held"),
+            Deed::LetGo if holder == Some(action.mover) => {
+                assert!(task.puts_down || task.rests, "the element stays held");
+                assert_eq!(cube.z, 0, "it rests on the floor");
+                (holder, put_down) = (None, put_down + 1);
+            }
+            Deed::LetGo => {}
         }
         if let (Some(mover), Deed::Move(_)) = (holder, action.deed) {
             cube = front(&bodies[mover]);
@@ -66,7 +72,8 @@ fn check(scene: &Scene, ground: &Ground<'_>, task: &Task, plan: &Plan) {
     }
     assert_eq!(vec![cube], task.goal);
     let grips = plan.actions.iter().filter(|a| matches!(a.deed, Deed::Grip { .. })).count() as u32;
-    assert_eq!(plan.hand_overs + 1, grips);
+    assert_eq!(plan.hand_overs + 1 + put_down - u32::from(task.rests), grips);
+    assert_eq!(holder.is_none(), task.rests);
     assert!(plan.lower <= plan.relaxed && plan.hand_overs < plan.connections());
 }
 
@@ -102,6 +109,13 @@ fn every_task_ends_in_a_plan_that_holds_or_a_proof() {
     };
     let beside = |task: &mut Task| task.goal[0].x += 1;
     assert_eq!(other(&beside), Answer::Infeasible(Reason::Colour));
+    // A negative control: without the check of colours the search proves the same, and does not give up.
+    let mut task = world.task(500);
+    beside(&mut task);
+    for puts_down in [false, true] {
+        let answer = plan_any_colour(&ground, &Task { puts_down, ..task.clone() });
+        assert!(matches!(answer, Answer::Infeasible(_)), "{answer:?}");
+    }
     let high = |task: &mut Task| task.start[0].z += 40;
     assert_eq!(other(&high), Answer::Infeasible(Reason::NoGrip));
     // One metamodule cannot hand over, and cannot bring the cube to the other end of the floor.
@@ -110,4 +124,13 @@ fn every_task_ends_in_a_plan_that_holds_or_a_proof() {
         task.goal = vec![Cell::new(19, 12 - (1 + colour(task.start[0])) as i16 % 2, 0)];
     };
     assert_eq!(other(&alone), Answer::Infeasible(Reason::NoWalk));
+    // If it may put the cube down on the way, it can; also if the cube lies there in the end.
+    for rests in [false, true] {
+        let mut task = world.task(500);
+        alone(&mut task);
+        (task.puts_down, task.rests) = (true, rests);
+        let Answer::Plan(found) = plan(&ground, &task) else { panic!("rests: {rests}") };
+        check(&scene, &ground, &task, &found);
+        assert_eq!(found.hand_overs, 0);
+    }
 }

@@ -105,6 +105,50 @@ fn a_cube_is_carried_in_all_of_a_few_runs() {
     }
 }
 
+/// A scenario that ships is built, simulated, and nothing falls but by the faults of it.
+fn shipped(name: &str) -> ElementsReport {
+    let ran = run(&["run", &scenario(name).display().to_string(), "--link", "sim", "--json", "-"]);
+    assert_eq!(ran.code, Some(0), "{name}: {ran:?}");
+    let report = report(&ran.out);
+    assert_eq!(report.invariants.broken, 0, "{name}: {ran:?}");
+    elements(&report)
+}
+
+#[test]
+fn a_dropped_plate_is_picked_up_again() {
+    let elements = shipped("drop.toml");
+    assert!(elements.drops > 0 && elements.drops_recovered == elements.drops, "{elements:?}");
+    assert_eq!((elements.placed, elements.on_the_way), (1, 0), "{elements:?}");
+}
+
+#[test]
+fn a_dead_module_is_carried_away_and_put_down() {
+    let elements = shipped("carry-dead.toml");
+    assert!(elements.placed == 1 && elements.carries > 0, "{elements:?}");
+}
+
+#[test]
+fn the_parts_of_a_table_become_a_shelf() {
+    let elements = shipped("table-to-shelf.toml");
+    assert!(elements.placed == 1 && elements.grips > 6, "{elements:?}");
+}
+
+/// Cubes that are far from each other are carried at the same time.
+#[test]
+fn several_transports_are_under_way_at_a_time() {
+    let mut text = fs::read_to_string(scenario("carry-cube.toml")).unwrap();
+    text = text.replace("max = [12, 9]", "max = [30, 24]").replace("count = 3", "count = 12");
+    for (i, (x, y)) in [(3, 15), (15, 3), (15, 15), (25, 4), (25, 18)].into_iter().enumerate() {
+        let lies = format!("at = {{ cell = [{x}, {y}, 0] }}\nto = {{ cell = [{}, {y}, 0] }}", x + 4);
+        let element = format!("[[swarm.element]]\nname = \"cube {i}\"\nshape = \"cube\"\n{lies}\n\n[[goal]]");
+        text = text.replacen("[[goal]]", &element, 1);
+    }
+    let ran = metamorph_tests::command::on(&text, &["run", "{}", "--link", "sim", "--json", "-"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    let elements = elements(&report(&ran.out));
+    assert!(elements.placed == 6 && elements.under_way_at_most >= 3, "{elements:?}");
+}
+
 #[test]
 fn a_run_with_elements_is_replayed_bit_for_bit() {
     let directory = tempfile::tempdir().unwrap();

@@ -20,10 +20,10 @@ use std::collections::{BTreeMap, BTreeSet};
 const CORNER_RADIUS: f64 = 0.866_025_403_784_438_6;
 
 /// A cube of an element at any angle.
-struct Block {
-    centre: Vector3<f64>,
-    rotation: Matrix3<f64>,
-    half: f64,
+pub(super) struct Block {
+    pub centre: Vector3<f64>,
+    pub rotation: Matrix3<f64>,
+    pub half: f64,
 }
 
 impl Block {
@@ -33,7 +33,7 @@ impl Block {
         Block { centre: turn * start, rotation: *turn, half }
     }
     /// Returns how far the cube reaches from the origin in a direction of the axes.
-    fn reach(&self, axis: &Vector3<f64>) -> f64 {
+    pub fn reach(&self, axis: &Vector3<f64>) -> f64 {
         self.support(axis).dot(axis)
     }
 }

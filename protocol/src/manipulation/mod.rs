@@ -3,12 +3,13 @@
 //! An [`element::Element`] is a rigid set of cells with ports. A metamodule holds it by a port with its head plate,
 //! in one of a few [`element::Grip`]s. Whether it can move with it is a table of the postures and single steps
 //! ([`carry`]) and of the load on its joints ([`load`]); which pairs of postures pass an element on is the table
-//! of [`handover`]. [`colour`] shows what no posture of the lattice can do, and [`stride`] repeats the torque
+//! of [`handover`]. [`colour`] shows what no posture of the lattice can do, [`off_lattice`] how it is done between the
+//! lattice postures, and [`stride`] repeats the torque
 //! experiment of thesis 5.1.4.
 //!
 //! A [`terrain`] with everything that metamodules of one kind can do on it is a [`scene`]. The planner of [`transport`]
 //! searches it first without the bodies of metamodules that stand still, and [`verification`] carries out what was
-//! found with all bodies. [`walking`] moves a metamodule without an element among obstacles.
+//! found with all bodies. [`resting`] has the places where it puts the element down on the way. [`walking`] moves a metamodule without an element among obstacles.
 //!
 //! A [`structure`] of metamodules and elements is planned by taking it apart.
 //!
@@ -21,7 +22,9 @@ pub mod contact;
 pub mod element;
 pub mod handover;
 pub mod load;
+pub mod off_lattice;
 pub mod rest;
+pub mod resting;
 pub mod scene;
 pub mod stride;
 pub mod structure;

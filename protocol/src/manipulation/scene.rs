@@ -14,16 +14,14 @@ use crate::lattice::{Cell, Face};
 use crate::roombots::Kind;
 use crate::roombots::database::{CellSet, Database, Table};
 use crate::roombots::lattice_pose::LatticePose;
-use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
-use std::rc::Rc;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// The number of a foothold.
 pub type Foothold = u16;
 
 /// The first posture of the set that each posture belongs to; [`NO_SET`] where the posture collides.
-pub type Sets = Rc<[u16]>;
+pub type Sets = Arc<[u16]>;
 
 /// The set of a posture that collides.
 pub const NO_SET: u16 = u16::MAX;
@@ -69,7 +67,7 @@ pub struct Link {
     /// The foothold of the taker.
     pub to: Foothold,
     /// The ways, ascending.
-    ways: Rc<[Way]>,
+    ways: Arc<[Way]>,
 }
 
 impl Link {
@@ -101,7 +99,7 @@ pub struct Scene {
     holding: Vec<Vec<Sets>>,
     links: Vec<Vec<Link>>,
     /// Sets of empty postures by what is blocked.
-    known: RefCell<HashMap<CellSet, Sets>>,
+    known: Mutex<HashMap<CellSet, Sets>>,
 }
 
 impl Scene {
@@ -150,7 +148,7 @@ impl Scene {
             empty: Vec::new(),
             holding: Vec::new(),
             links: Vec::new(),
-            known: RefCell::default(),
+            known: Mutex::default(),
             footholds,
             database,
         };
@@ -245,7 +243,8 @@ impl Scene {
 
     /// Returns the sets of empty postures where these cells are blocked.
     pub fn empty_among(&self, blocked: &CellSet) -> Sets {
-        if let Some(sets) = self.known.borrow().get(blocked) {
+        let known = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(sets) = known().get(blocked) {
             return sets.clone();
         }
         let table = self.table();
@@ -258,7 +257,7 @@ impl Scene {
             }
         }
         let sets: Sets = sets.into();
-        self.known.borrow_mut().insert(*blocked, sets.clone());
+        known().insert(*blocked, sets.clone());
         sets
     }
 
@@ -305,7 +304,7 @@ impl Scene {
     }
 
     fn make_links(&mut self, index: &HashMap<LatticePose, Foothold>) {
-        let mut known: HashMap<SameWays, Rc<[Way]>> = HashMap::new();
+        let mut known: HashMap<SameWays, Arc<[Way]>> = HashMap::new();
         for from in 0..self.footholds.len() as Foothold {
             let mut links = Vec::new();
             for (grips, table) in &self.handovers {

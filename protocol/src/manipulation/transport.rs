@@ -5,8 +5,12 @@
 //! the landings of walks and the grips. The search ignores the bodies of metamodules that stand still. A plan that it
 //! finds is carried out with all bodies; an edge that cannot be is taken out, and the search begins anew. If the search
 //! ends without a plan before any edge was taken out, there is none.
+//!
+//! If the task allows it, the element is put down on the floor on the way and picked up again: then the places where it
+//! rests are nodes, too.
 
 use super::colour::colours_differ;
+use super::resting::{Place, Resting};
 use super::scene::{Hold, NO_SET, Way};
 use super::verification::{Action, Deed, Situation};
 use super::walking::{Body, Ground, Motion, Stand};
@@ -35,6 +39,10 @@ pub struct Task {
     pub goal: Vec<Cell>,
     /// If given, the metamodule that holds it then must be in the cells of one of these, from the foot on.
     pub ends: Option<Vec<[Cell; 4]>>,
+    /// The element may be put down on the floor on the way.
+    pub puts_down: bool,
+    /// The element rests at the goal in the end, and nobody holds it. Then it may be put down on the way as well.
+    pub rests: bool,
     /// Cells that nothing may enter, besides those behind the planes.
     pub fixed: Vec<Cell>,
     /// The weight of the lower bound in hundredths; 100 for a plan that is minimal in the relaxed graph.
@@ -44,11 +52,12 @@ pub struct Task {
 impl Task {
     /// Creates the task to bring an element that is at rest to a goal, where any metamodule may hold it.
     pub fn new(bodies: Vec<Body>, start: Vec<Cell>, goal: Vec<Cell>, weight: u32) -> Task {
-        Task { bodies, start, held_by: None, goal, ends: None, fixed: Vec::new(), weight }
+        let (ends, fixed) = (None, Vec::new());
+        Task { bodies, start, held_by: None, goal, ends, puts_down: false, rests: false, fixed, weight }
     }
 }
 
-/// Why there is no plan with lattice angles in which the element is always held.
+/// Why there is no plan with lattice angles: none in which the element is always held, or, if it may be put down, none at all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Reason {
     /// The goal has cells of the other colour.
@@ -124,9 +133,14 @@ pub enum Answer {
 
 /// Plans a transport.
 pub fn plan(ground: &Ground<'_>, task: &Task) -> Answer {
-    if colours_differ(&task.start, &task.goal) {
-        return Answer::Infeasible(Reason::Colour);
+    match colours_differ(&task.start, &task.goal) {
+        true => Answer::Infeasible(Reason::Colour),
+        false => plan_any_colour(ground, task),
     }
+}
+
+/// Plans a transport without a look at colours first. If they differ, the search finds that there is no plan.
+pub fn plan_any_colour(ground: &Ground<'_>, task: &Task) -> Answer {
     let mut graph = match Relaxed::new(ground, task) {
         Ok(graph) => graph,
         Err(reason) => return Answer::Infeasible(reason),
@@ -150,7 +164,8 @@ pub fn plan(ground: &Ground<'_>, task: &Task) -> Answer {
         let edges = actions(&&graph, &start, &path.keys).unwrap_or_default();
         match graph.carried_out(&edges) {
             Ok(situation) => {
-                let hand_overs = edges.len().saturating_sub(1) as u32;
+                let is_hand_over = |edge: &&Edge| matches!(edge, Edge::HandOver { .. });
+                let hand_overs = edges.iter().filter(is_hand_over).count() as u32;
                 let (actions, relaxed) = (situation.actions, path.cost);
                 return Answer::Plan(Plan { actions, hand_overs, relaxed, lower, refutations });
             }
@@ -170,28 +185,41 @@ pub fn plan(ground: &Ground<'_>, task: &Task) -> Answer {
 struct Relaxed<'a> {
     ground: &'a Ground<'a>,
     task: &'a Task,
-    picks: Vec<(Hold, u16)>,
-    places: Vec<(Hold, u16)>,
+    /// The places where the element can rest; the first is that of the start, if it rests there.
+    resting: Resting,
+    /// The ways to hold the element at the goal.
+    goals: Vec<(Hold, u16)>,
+    /// The place where the element shall rest.
+    goal: Option<Place>,
     /// How the element is held at the start.
     held: Option<(u8, Hold)>,
-    /// The fewest hand-overs from a hold to the goal.
-    left: HashMap<Hold, u16>,
+    left: Left,
     /// Edges that cannot be carried out.
     banned: BTreeSet<(Vec<u8>, Vec<u8>)>,
 }
 
-/// A state: who holds the element and how, and the stands of all. That of the holder is where it stands, without a set.
+/// A state: who holds the element and how, or where it rests, and the stands of all. That of the holder is where it stands,
+/// without a set.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct State {
     holder: Option<(u8, Hold)>,
+    place: Place,
     stands: Vec<Stand>,
 }
 
-/// An edge: who takes the element, and how.
+/// An edge: who takes the element and how, or where it is put down.
 #[derive(Clone, Copy, Debug)]
 enum Edge {
-    PickUp { taker: u8, hold: Hold, came: u16 },
+    PickUp { taker: u8, from: Place, hold: Hold, came: u16 },
     HandOver { taker: u8, to: u16, way: Way },
+    PutDown { hold: Hold, to: Place, left: u16 },
+}
+
+/// The fewest grips that are left to the goal, from holds and from places.
+#[derive(Default)]
+struct Left {
+    holds: HashMap<Hold, u16>,
+    places: HashMap<Place, u16>,
 }
 
 impl<'a> Relaxed<'a> {
@@ -208,22 +236,28 @@ impl<'a> Relaxed<'a> {
             (holder, Hold { foothold, grip, set })
         });
         let picks = if held.is_some() { Vec::new() } else { holds(&task.start) };
-        let mut places = holds(&task.goal);
+        let mut goals = if task.rests { Vec::new() } else { holds(&task.goal) };
         if let Some(ends) = &task.ends {
-            places.retain(|(hold, posture)| ends.contains(&scene.body(hold.foothold, *posture)));
+            goals.retain(|(hold, posture)| ends.contains(&scene.body(hold.foothold, *posture)));
         }
         if picks.is_empty() && held.is_none_or(|(_, hold)| hold.set == NO_SET) {
             return Err(Reason::NoGrip);
         }
-        if places.is_empty() {
+        let at_rest = held.is_none().then(|| (task.start.clone(), picks.clone()));
+        let mut resting = Resting::of_places(at_rest);
+        if task.puts_down || task.rests {
+            resting.add_floor(ground, &task.fixed);
+        }
+        let goal = resting.find(&task.goal).filter(|_| task.rests);
+        if goals.is_empty() && goal.is_none_or(|goal| resting.holds(goal).is_empty()) {
             return Err(Reason::NoPlace);
         }
-        let left = hand_overs_left(ground, &places);
-        let holds = picks.iter().map(|(hold, _)| hold).chain(held.iter().map(|(_, hold)| hold));
-        if !holds.into_iter().any(|hold| left.contains_key(hold)) {
+        let left = Left::new(ground, &resting, &goals, goal);
+        let mut holds = picks.iter().map(|(hold, _)| hold).chain(held.iter().map(|(_, hold)| hold));
+        if !holds.any(|hold| left.holds.contains_key(hold)) {
             return Err(Reason::NoTransfer);
         }
-        Ok(Relaxed { ground, task, picks, places, held, left, banned: BTreeSet::new() })
+        Ok(Relaxed { ground, task, resting, goals, goal, held, left, banned: BTreeSet::new() })
     }
 
     fn start(&self) -> State {
@@ -234,7 +268,7 @@ impl<'a> Relaxed<'a> {
         if let Some((holder, hold)) = self.held {
             stands[usize::from(holder)] = (hold.foothold, NO_SET);
         }
-        State { holder: self.held, stands }
+        State { holder: self.held, place: 0, stands }
     }
 
     fn empty(&self, hold: &Hold, posture: u16) -> u16 {
@@ -248,20 +282,28 @@ impl<'a> Relaxed<'a> {
         let mut last = self.held.map(|(_, hold)| hold);
         for (i, edge) in edges.iter().enumerate() {
             let (next, hold) = match edge {
-                Edge::PickUp { taker, hold, came } => {
+                Edge::PickUp { taker, from, hold, came } => {
                     let same = |(h, p): &&(Hold, u16)| h == hold && self.empty(h, *p) == *came;
-                    let holds: Vec<_> = self.picks.iter().filter(same).copied().collect();
+                    let holds: Vec<_> = self.resting.holds(*from).iter().filter(same).copied().collect();
                     (at.picked_up(usize::from(*taker), &holds), *hold)
                 }
                 Edge::HandOver { taker, to, way } => {
                     let hold = Hold { foothold: *to, grip: way.taker.0, set: way.taker.1 };
                     (at.handed_over(usize::from(*taker), *to, way), hold)
                 }
+                Edge::PutDown { hold, to, left } => {
+                    let lies = |(p, posture): &&(Place, u16)| p == to && self.empty(hold, *posture) == *left;
+                    let postures = self.resting.places_of(hold).iter().filter(lies).map(|(_, p)| *p);
+                    (at.put_down(&postures.collect::<Vec<u16>>()), *hold)
+                }
             };
             (at, last) = (next.ok_or(i)?, Some(hold));
         }
-        let places: Vec<_> = self.places.iter().filter(|(h, _)| Some(*h) == last).copied().collect();
-        at.placed(&places).ok_or(edges.len())
+        if self.goal.is_some() {
+            return Ok(at);
+        }
+        let goals: Vec<_> = self.goals.iter().filter(|(h, _)| Some(*h) == last).copied().collect();
+        at.placed(&goals).ok_or(edges.len())
     }
 
     fn visit(
@@ -277,32 +319,44 @@ impl<'a> Relaxed<'a> {
             stands[usize::from(holder)].1 = left;
         }
         stands[taker] = (hold.foothold, NO_SET);
-        Some((Cost::from(walk) + 1, State { holder: Some((taker as u8, hold)), stands }))
+        Some((Cost::from(walk) + 1, State { holder: Some((taker as u8, hold)), place: 0, stands }))
     }
 }
 
-/// Counts the hand-overs from every hold to the nearest of `places`. A hand-over can be taken backwards.
-fn hand_overs_left(ground: &Ground<'_>, places: &[(Hold, u16)]) -> HashMap<Hold, u16> {
-    let mut found: HashMap<Hold, u16> = HashMap::new();
-    let mut open = VecDeque::new();
-    for (hold, _) in places {
-        if found.insert(*hold, 0).is_none() {
-            open.push_back(*hold);
+impl Left {
+    /// Counts from every hold and place to the nearest goal: the holds, or the place. Hand-overs can be taken backwards, and
+    /// an element can be picked up where it can be put down.
+    fn new(ground: &Ground<'_>, resting: &Resting, goals: &[(Hold, u16)], goal: Option<Place>) -> Left {
+        let (mut left, mut open) = (Left::default(), VecDeque::new());
+        let reach = |left: &mut Left, open: &mut VecDeque<Hold>, hold: Hold, n: u16| {
+            left.holds.entry(hold).or_insert_with(|| {
+                open.push_back(hold);
+                n
+            });
+        };
+        goals.iter().for_each(|(hold, _)| reach(&mut left, &mut open, *hold, 0));
+        if let Some(goal) = goal {
+            left.places.insert(goal, 0);
+            resting.holds(goal).iter().for_each(|(hold, _)| reach(&mut left, &mut open, *hold, 0));
         }
-    }
-    while let Some(at) = open.pop_front() {
-        let next = found[&at] + 1;
-        for link in ground.scene().links(at.foothold).iter().filter(|l| ground.exists(l.to)) {
-            for way in link.ways_from(&at) {
-                let to = Hold { foothold: link.to, grip: way.taker.0, set: way.taker.1 };
-                found.entry(to).or_insert_with(|| {
-                    open.push_back(to);
-                    next
-                });
+        while let Some(at) = open.pop_front() {
+            let next = left.holds[&at] + 1;
+            for link in ground.scene().links(at.foothold).iter().filter(|l| ground.exists(l.to)) {
+                for way in link.ways_from(&at) {
+                    let to = Hold { foothold: link.to, grip: way.taker.0, set: way.taker.1 };
+                    reach(&mut left, &mut open, to, next);
+                }
+            }
+            for (place, _) in resting.places_of(&at) {
+                if left.places.contains_key(place) {
+                    continue;
+                }
+                left.places.insert(*place, next);
+                resting.holds(*place).iter().for_each(|(hold, _)| reach(&mut left, &mut open, *hold, next));
             }
         }
+        left
     }
-    found
 }
 
 impl Space for &Relaxed<'_> {
@@ -314,6 +368,7 @@ impl Space for &Relaxed<'_> {
     }
     fn key(&self, state: &State, key: &mut [u8]) {
         key.fill(u8::MAX);
+        key[4..6].copy_from_slice(&state.place.to_be_bytes());
         if let Some((holder, hold)) = &state.holder {
             key[0] = *holder;
             key[1] = hold.grip;
@@ -330,7 +385,8 @@ impl Space for &Relaxed<'_> {
         let hold = Hold { grip: key[1], foothold: number(2), set: number(4) };
         let holder = (key[0] != u8::MAX).then_some((key[0], hold));
         let stands = (6..key.len()).step_by(4).map(|i| (number(i), number(i + 2))).collect();
-        State { holder, stands }
+        let place = if holder.is_none() { number(4) } else { 0 };
+        State { holder, place, stands }
     }
     fn expand(&self, state: &State, visit: &mut impl FnMut(Edge, Cost, &State)) {
         let mut from = vec![0; self.key_width()];
@@ -343,15 +399,27 @@ impl Space for &Relaxed<'_> {
                 visit(edge, cost, &to);
             }
         };
+        if let Some((holder, hold)) = &state.holder {
+            let places = self.resting.places_of(hold).iter();
+            let places: BTreeSet<(Place, u16)> = places.map(|(to, p)| (*to, self.empty(hold, *p))).collect();
+            for (to, left) in places {
+                let mut stands = state.stands.clone();
+                stands[usize::from(*holder)].1 = left;
+                let after = State { holder: None, place: to, stands };
+                unless_banned(Edge::PutDown { hold: *hold, to, left }, Some((0, after)));
+            }
+        }
         let movers =
             (0..state.stands.len()).filter(|i| state.holder.is_none_or(|(h, _)| usize::from(h) != *i));
         for taker in movers {
             let before = state.stands[taker];
             let Some((_, held)) = &state.holder else {
+                let from = state.place;
+                let picks = self.resting.holds(from).iter();
                 let picks: BTreeSet<(Hold, u16)> =
-                    self.picks.iter().map(|(hold, p)| (*hold, self.empty(hold, *p))).collect();
+                    picks.map(|(hold, p)| (*hold, self.empty(hold, *p))).collect();
                 for (hold, came) in picks {
-                    let edge = Edge::PickUp { taker: taker as u8, hold, came };
+                    let edge = Edge::PickUp { taker: taker as u8, from, hold, came };
                     unless_banned(edge, self.visit(state, (taker, before, came), (hold, None)));
                 }
                 continue;
@@ -369,14 +437,20 @@ impl Space for &Relaxed<'_> {
     }
     fn lower(&self, state: &State) -> Option<Cost> {
         match &state.holder {
-            Some((_, hold)) => self.left.get(hold).map(|n| Cost::from(*n)),
+            Some((_, hold)) => self.left.holds.get(hold).map(|n| Cost::from(*n)),
+            None if self.goal == Some(state.place) => Some(0),
             None => {
-                let least = self.picks.iter().filter_map(|(hold, _)| self.left.get(hold)).min();
+                let holds = self.resting.holds(state.place).iter();
+                let least = holds.filter_map(|(hold, _)| self.left.holds.get(hold)).min();
                 least.map(|n| Cost::from(*n) + 1)
             }
         }
     }
     fn is_goal(&self, state: &State) -> bool {
-        state.holder.is_some_and(|(_, hold)| self.left.get(&hold) == Some(&0))
+        match (&state.holder, self.goal) {
+            (None, Some(goal)) => state.place == goal,
+            (Some((_, hold)), None) => self.left.holds.get(hold) == Some(&0),
+            _ => false,
+        }
     }
 }

@@ -107,7 +107,23 @@ impl<'a> Situation<'a> {
         let (holder, _) = self.holder?;
         let others = (0..self.bodies.len()).filter(|i| *i != holder);
         let before = std::iter::once(self.clone()).chain(others.flat_map(|i| self.away(i, holder, None)));
-        before.into_iter().find_map(|at| holds.iter().find_map(|(_, posture)| at.carried(*posture)))
+        let mut before = before.chain(std::iter::once_with(|| self.all_away(holder)));
+        before.find_map(|at| holds.iter().find_map(|(_, posture)| at.carried(*posture)))
+    }
+
+    /// Returns the situation after the holder has put the element down in the first of these postures to which there is a path.
+    pub fn put_down(&self, postures: &[u16]) -> Option<Situation<'a>> {
+        let (holder, _) = self.holder?;
+        let others = (0..self.bodies.len()).filter(|i| *i != holder);
+        let before = std::iter::once(self.clone()).chain(others.flat_map(|i| self.away(i, holder, None)));
+        let before = before.chain(std::iter::once_with(|| self.all_away(holder)));
+        let mut ends = before
+            .into_iter()
+            .flat_map(|at| postures.iter().filter_map(|posture| at.carried(*posture)).collect::<Vec<_>>());
+        let mut after = ends.next()?;
+        after.holder = None;
+        after.actions.push(Action { mover: holder, deed: Deed::LetGo });
+        Some(after)
     }
 
     /// Returns the situation after a metamodule has walked to the first of `bodies` to which there is a path. If there is none,
@@ -146,6 +162,12 @@ impl<'a> Situation<'a> {
         sites.sort_unstable();
         let tried = sites.into_iter().take(MAX_SITES);
         tried.filter_map(|(_, f)| self.walked(mover, self.upright(f))).collect()
+    }
+
+    /// Returns the situation in which all others, as far as they can, have gone to a site away from `other`.
+    fn all_away(&self, other: usize) -> Situation<'a> {
+        let others = (0..self.bodies.len()).filter(|i| *i != other);
+        others.fold(self.clone(), |at, i| at.away(i, other, None).into_iter().next().unwrap_or(at))
     }
 
     /// Returns the cells that a metamodule must not enter.

@@ -30,6 +30,15 @@ impl World {
     /// connectors of the floor nearest to (0, 0) that are two or more cells apart, and the cube lies on the floor; its goal has
     /// the colour of its start.
     pub fn draw(scene: &Scene, probability: Ratio, seed: u64) -> World {
+        World::drawn(scene, probability, seed, false)
+    }
+
+    /// Draws a world with all connectors in which the goal has the other colour than the start.
+    pub fn draw_of_other_colour(scene: &Scene, seed: u64) -> World {
+        World::drawn(scene, Ratio::ONE, seed, true)
+    }
+
+    fn drawn(scene: &Scene, probability: Ratio, seed: u64, is_other: bool) -> World {
         let mut rng = Rng::named(seed, "transport", 0);
         let all = scene.terrain().connectors();
         let connectors: BTreeSet<GridConnector> =
@@ -41,10 +50,14 @@ impl World {
         let bodies: Vec<Body> = bodies.into_iter().map(|foothold| Body { foothold, posture }).collect();
         let taken: BTreeSet<Cell> = bodies.iter().flat_map(|b| scene.body(b.foothold, b.posture)).collect();
         let mut draw = |n: u64| rng.below(n) as i16;
+        let connectors_of_floor = || connectors.iter().filter(|c| c.normal == Face::Up);
+        let side =
+            |axis: usize| connectors_of_floor().map(|c| c.half[axis] / 2 + 1).max().unwrap_or(1) as u64;
+        let room = if is_other { [side(0), side(1), ROOM[2]] } else { ROOM };
         loop {
-            let start = Cell::new(START.start() + draw(START.len() as u64), draw(ROOM[1]), 0);
-            let goal = Cell::new(draw(ROOM[0]), draw(ROOM[1]), draw(ROOM[2]));
-            if start != goal && colour(start) == colour(goal) && !taken.contains(&start) {
+            let start = Cell::new(START.start() + draw(START.len() as u64), draw(room[1]), 0);
+            let goal = Cell::new(draw(room[0]), draw(room[1]), draw(room[2]));
+            if start != goal && (colour(start) != colour(goal)) == is_other && !taken.contains(&start) {
                 return World { connectors, bodies, start, goal };
             }
         }

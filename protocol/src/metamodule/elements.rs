@@ -9,15 +9,18 @@ use super::pose::{Load, Pose, to_world};
 use crate::lattice::{Cell, Face};
 use crate::manipulation::carry::{CarryTable, held_by};
 use crate::manipulation::contact::ElementSweeper;
-use crate::manipulation::element::Element;
+use crate::manipulation::element::{Element, Grip};
 use crate::manipulation::load::{Limits, LoadTable, Peak};
+use crate::manipulation::rest::rests;
 use crate::roombots::Kind;
 use crate::roombots::database::Database;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// The most elements of a swarm.
-pub const MAX_ELEMENTS: usize = 8;
+pub const MAX_ELEMENTS: usize = 64;
+/// The most grips of an element that no metamodule in a seed holds at a goal.
+const MAX_LYING_GRIPS: usize = 8;
 
 /// Why elements cannot be carried.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -36,16 +39,30 @@ pub struct PassiveElement {
     pub shape: Element,
     /// Its mass in grams.
     pub grams: u32,
-    /// The cells where it lies at the start, sorted. It may be put down there again.
+    /// The cells where it lies at the start, sorted.
     pub start: Vec<Cell>,
-    /// The cells where metamodules hold it in the end, sorted.
-    pub goal: Vec<Cell>,
+    /// By goal of the swarm, the cells where it is in the end, sorted. The last ones are those of all later goals.
+    pub goals: Vec<Vec<Cell>>,
+}
+
+impl PassiveElement {
+    /// Returns the cells where it is in the end of a goal of the swarm, sorted.
+    pub fn goal(&self, goal: u8) -> &[Cell] {
+        self.goals.get(usize::from(goal)).or(self.goals.last()).map_or(&[], Vec::as_slice)
+    }
 }
 
 /// A grip of an element that metamodules may use.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct ElementGrip {
     element: usize,
+    /// The number of its table. Elements of the same shape and mass have the same ones.
+    table: usize,
+}
+
+/// What metamodules can do with a grip.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct GripTable {
     carry: CarryTable,
     /// The largest torques of each step.
     peaks: Vec<Peak>,
@@ -56,43 +73,72 @@ struct ElementGrip {
 pub struct Elements {
     all: Vec<PassiveElement>,
     grips: Vec<ElementGrip>,
+    tables: Vec<GripTable>,
+    /// By element and goal of the swarm, whether nobody holds it there.
+    lying: Vec<Vec<bool>>,
     limits: Limits,
 }
 
 impl Elements {
     /// No elements.
-    pub const NONE: Elements = Elements { all: Vec::new(), grips: Vec::new(), limits: Limits::NOMINAL };
+    pub const NONE: Elements =
+        Elements { all: vec![], grips: vec![], tables: vec![], lying: vec![], limits: Limits::NOMINAL };
 
-    /// Generates the tables of all elements. Of each, the grips are those that a metamodule in one of the `heads` has when
-    /// the element is at its goal, since tables of large elements have hundreds of kilobytes each; a cube has one grip.
+    /// Generates the tables of all elements. Of each, the grips are those that a metamodule in one of the `heads` of a goal
+    /// has when the element is where that goal has it, since tables of large elements have hundreds of kilobytes each. An
+    /// element that nobody holds at any goal has its first eight grips.
     pub fn new(
         database: &Database,
         kind: Kind,
         all: Vec<PassiveElement>,
-        heads: &[Pose],
+        heads: &[Vec<Pose>],
         limits: Limits,
     ) -> Result<Elements, ElementsError> {
-        let (mut grips, mut sweeper) = (Vec::new(), ElementSweeper::new());
-        let table = database.table(kind);
+        let (mut grips, mut tables, mut lying) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut sweeper, table) = (ElementSweeper::new(), database.table(kind));
+        let mut known: Vec<(&PassiveElement, Grip, usize)> = Vec::new();
         for (element, passive) in all.iter().enumerate() {
-            for grip in passive.shape.grips() {
-                let holds = |head: &Pose| {
+            let every = passive.shape.grips();
+            let is_held = |grip: &Grip, goal: u8| {
+                heads.get(usize::from(goal)).into_iter().flatten().any(|head| {
                     let placement = table.postures()[usize::from(head.posture)].posture.placement();
-                    held_by(&placement, &grip).is_some_and(|cells| in_world(*head, &cells) == passive.goal)
+                    held_by(&placement, grip)
+                        .is_some_and(|cells| in_world(*head, &cells) == passive.goal(goal))
+                })
+            };
+            let goals = 0..heads.len() as u8;
+            lying.push(goals.clone().map(|goal| !every.iter().any(|grip| is_held(grip, goal))).collect());
+            let mut used: Vec<&Grip> =
+                every.iter().filter(|grip| goals.clone().any(|goal| is_held(grip, goal))).collect();
+            if used.is_empty() {
+                used = every.iter().take(MAX_LYING_GRIPS).collect();
+            }
+            for grip in used {
+                let same = |(of, g, _): &&(&PassiveElement, Grip, usize)| {
+                    (&of.shape, of.grams, g) == (&passive.shape, passive.grams, grip)
                 };
-                if !heads.iter().any(holds) {
-                    continue;
+                let number = known.iter().find(same).map_or(tables.len(), |(.., number)| *number);
+                if number == tables.len() {
+                    let carry = CarryTable::new(database, kind, grip, &mut sweeper);
+                    let loads = LoadTable::new(table, &carry, Face::Down);
+                    let steps = 0..carry.steps().len();
+                    let peaks = steps.map(|step| loads.peak(step, passive.grams)).collect();
+                    tables.push(GripTable { carry, peaks });
+                    known.push((passive, grip.clone(), number));
                 }
-                let carry = CarryTable::new(database, kind, &grip, &mut sweeper);
-                let loads = LoadTable::new(table, &carry, Face::Down);
-                let peaks = (0..carry.steps().len()).map(|step| loads.peak(step, passive.grams)).collect();
-                grips.push(ElementGrip { element, carry, peaks });
+                grips.push(ElementGrip { element, table: number });
             }
         }
         match grips.len() {
             n if n > Load::MAX_GRIPS => Err(ElementsError::TooManyGrips(n)),
-            _ => Ok(Elements { all, grips, limits }),
+            _ => Ok(Elements { all, grips, tables, lying, limits }),
         }
+    }
+
+    /// Returns true if no metamodule in a seed of a goal holds the element there: it lies there in the end.
+    pub fn lies(&self, element: usize, goal: u8) -> bool {
+        let of_goals = self.lying.get(element).map_or(&[][..], Vec::as_slice);
+        of_goals.get(usize::from(goal)).or(of_goals.last()).copied().unwrap_or(false)
     }
 
     /// Returns true if there are none.
@@ -118,11 +164,18 @@ impl Elements {
     }
     /// Returns the carry table of a load.
     pub fn carry(&self, load: Load) -> Option<&CarryTable> {
-        Some(&self.grips.get(load.grip()?)?.carry)
+        Some(&self.table(load)?.carry)
     }
     /// Returns the largest torques during a step with a load.
     pub fn peak(&self, load: Load, step: usize) -> Option<Peak> {
-        self.grips.get(load.grip()?)?.peaks.get(step).copied()
+        self.table(load)?.peaks.get(step).copied()
+    }
+    fn table(&self, load: Load) -> Option<&GripTable> {
+        self.tables.get(self.grips.get(load.grip()?)?.table)
+    }
+    /// Returns what decides which tables an element has: two elements with the same have the same.
+    pub fn tables_of(&self, element: usize) -> Vec<usize> {
+        self.grips.iter().filter(|grip| grip.element == element).map(|grip| grip.table).collect()
     }
 }
 
@@ -145,6 +198,11 @@ pub struct CarriedStep {
 }
 
 impl Setup {
+    /// Returns true if an element in these cells rests on the floor, so that it may be let go.
+    pub fn rests(&self, cells: &[Cell]) -> bool {
+        rests(cells, |c| self.floor.has(c.x, c.y))
+    }
+
     /// Returns the element that a pose holds, and its cells, sorted.
     pub fn held(&self, pose: Pose) -> Option<(usize, Vec<Cell>)> {
         let element = self.elements.of(pose.load)?;

@@ -127,6 +127,11 @@ pub struct Floor {
 }
 
 impl Floor {
+    /// Returns the number of connectors.
+    pub fn connectors(&self) -> usize {
+        let side = |min: i16, max: i16| (i32::from(max) - i32::from(min) + 1).max(0) as usize;
+        side(self.min.0, self.max.0) * side(self.min.1, self.max.1)
+    }
     /// Whether there is a connector.
     pub fn has(&self, x: i16, y: i16) -> bool {
         (self.min.0..=self.max.0).contains(&x) && (self.min.1..=self.max.1).contains(&y)

@@ -92,10 +92,9 @@ impl<'a> View<'a> {
         let mut others = neighbours.chain(self.neighbours.dead.values().copied());
         own.is_some() && others.any(|pose| self.setup.elements.of(pose.load) == own)
     }
-    /// Returns true if the element that it holds is where it lay at the start, so that it may be put down.
+    /// Returns true if the element that it holds rests on the floor, so that it may be let go.
     pub fn element_rests(self) -> bool {
-        let held = self.setup.held(self.own.pose);
-        held.is_some_and(|(element, cells)| self.setup.elements.all()[element].start == cells)
+        self.setup.held(self.own.pose).is_some_and(|(_, cells)| self.setup.rests(&cells))
     }
     /// Cells of the dead and of obstacles.
     pub fn fixed(self) -> Vec<Cell> {

@@ -27,6 +27,8 @@ pub enum Target {
     Cell(Cell),
     /// A distance along x and y.
     Shift(i16, i16),
+    /// A passive element, by its number.
+    Element(u16),
 }
 
 impl fmt::Display for Target {
@@ -34,6 +36,7 @@ impl fmt::Display for Target {
         match self {
             Target::Cell(cell) => cell.fmt(f),
             Target::Shift(x, y) => write!(f, "[{x}, {y}]"),
+            Target::Element(element) => element.fmt(f),
         }
     }
 }
@@ -104,7 +107,10 @@ impl Fault {
         if let Some(kind) = world.iter().find(|kind| kind.name == verb) {
             let target = match kind.shifts {
                 true => read_shift(target).map(|(x, y)| Target::Shift(x, y)),
-                false => read_cell(target).map(Target::Cell),
+                false => match target.trim().parse() {
+                    Ok(element) => Some(Target::Element(element)),
+                    Err(_) => read_cell(target).map(Target::Cell),
+                },
             };
             return Ok(Fault::World(kind, target.ok_or_else(form)?));
         }

@@ -13,7 +13,7 @@ use crate::director::operator::{Habits, Operator};
 use crate::director::outcome::{Outcome, Stall};
 use crate::director::port::DirectorPort;
 use crate::director::progress::{Progress, Stage, Stop};
-use crate::metamodule::faults::{COMMANDS, OBSTACLE, OBSTACLE_GONE};
+use crate::metamodule::faults::{COMMANDS, DROP, OBSTACLE, OBSTACLE_GONE};
 use crate::metamodule::relocation::{Elsewhere, Shift, Trials, clear_places};
 use crate::metamodule::world::MetamoduleWorld;
 use metamorph_protocol::ids::ModuleId;
@@ -554,7 +554,7 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
         if self.outcome.is_some() {
             return Err("the run is over".to_owned());
         }
-        let world = [[&OBSTACLE, &OBSTACLE_GONE].as_slice(), &COMMANDS].concat();
+        let world = [[&OBSTACLE, &OBSTACLE_GONE, &DROP].as_slice(), &COMMANDS].concat();
         // The rules read all but the injector.
         let mut faults = std::mem::take(&mut self.faults);
         let taken =

@@ -14,6 +14,12 @@ pub const ELEMENT_PINNED: Reason = Reason::new(
     Excuse::Always,
     "element pinned: a dead metamodule holds an element that is not at its goal",
 );
+/// A fall has put an element into cells of the other colour than those of its goal, and no lattice motion changes that.
+pub const ELEMENT_OFF_COLOUR: Reason = Reason::new(
+    "element-off-colour",
+    Excuse::Always,
+    "element off colour: an element has fallen into cells from which no lattice motion leads to its goal",
+);
 /// No transport was found for an element that is not at its goal: something that stands still is in the way.
 pub const ELEMENT_BLOCKED: Reason = Reason::new(
     "element-blocked",

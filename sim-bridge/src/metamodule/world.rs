@@ -6,6 +6,8 @@
 //! range. Elements are held and do not fall (`elements`). Not here: bending; walls; gripping other metamodules; the torque
 //! of bodies without an element, which is within the limits in all postures.
 
+mod counts;
+mod drops;
 mod elements;
 mod safety;
 
@@ -13,6 +15,9 @@ use crate::world::grid::{Grid, Occupant};
 use crate::world::invariants::{Invariant, Violation};
 use crate::world::{World, due};
 use elements::ElementBody;
+
+pub use counts::ActionCounts;
+pub use drops::Drop;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::digest::Portable;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
@@ -60,41 +65,6 @@ impl Body {
     }
 }
 
-/// Counts of the bodies' actions.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ActionCounts {
-    /// Actions begun.
-    pub started: u64,
-    /// Steps of joints completed.
-    pub turns: u64,
-    /// Moves: all actions between two connections are one (thesis 5.1.4), so this counts connections made.
-    pub moves: u64,
-    /// Ends let go.
-    pub released: u64,
-    /// Actions that failed: stuck joints and failed connections.
-    pub failed: u64,
-    /// Actions refused because of another body.
-    pub blocked: u64,
-    /// Actions refused because they came too late.
-    pub late: u64,
-    /// Actions refused because the neighbourhood had changed.
-    pub stale: u64,
-    /// Actions refused because the body was not able to, or was busy.
-    pub impossible: u64,
-    /// Grips of elements.
-    pub grips: u64,
-    /// Elements let go.
-    pub let_go: u64,
-    /// Elements let go while another metamodule held on.
-    pub hand_overs: u64,
-    /// Steps of joints with an element.
-    pub carries: u64,
-    /// Refusals to let an element go that would have fallen.
-    pub drops_prevented: u64,
-    /// Refusals of steps over the limits of torque.
-    pub overloads_prevented: u64,
-}
-
 /// A simulated world of metamodules.
 #[derive(Clone, Debug)]
 pub struct MetamoduleWorld {
@@ -131,7 +101,7 @@ impl MetamoduleWorld {
         };
         let mut world = MetamoduleWorld {
             bodies: poses.iter().map(body).collect(),
-            elements: setup.elements.all().iter().map(|e| ElementBody { cells: e.start.clone() }).collect(),
+            elements: setup.elements.all().iter().map(|e| ElementBody::new(&e.start)).collect(),
             setup,
             obstacles: BTreeSet::new(),
             claims: Grid::default(),
@@ -358,6 +328,10 @@ impl MetamoduleWorld {
         body.pose = to;
         body.cells = motions.cells(to);
         self.carry_along(id);
+        self.fall_on();
+        if matches!(deed, BodyAction::Grip(_)) {
+            self.note_under_way();
+        }
         self.sensed.push_back((id, Sensed::Percept(Percept::Done(to))));
         self.check_end(now, id, &claimed);
         if deed == BodyAction::Detach {

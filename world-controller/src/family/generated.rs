@@ -25,6 +25,10 @@ pub trait GeneratedSwarm: Any + fmt::Debug + Send + SwarmDraftClone {
     fn smaller(&self) -> Vec<Smaller>;
     /// Draws a cell for an obstacle; `None` if obstacles do not affect this family.
     fn obstacle(&self, dice: &mut Dice) -> Option<Cell>;
+    /// Returns the number of passive elements, which can be dropped.
+    fn elements(&self) -> u16 {
+        0
+    }
 }
 
 /// Clones a draft behind a trait object.

@@ -67,7 +67,7 @@ pub trait ScenarioFamily: Sync {
     }
     /// Returns all that an operator can command and that hits no module.
     fn commanded_to_world(&self) -> Vec<&'static WorldFault> {
-        let faults = self.world_faults().iter().flat_map(|kind| [kind.begin, kind.end]);
+        let faults = self.world_faults().iter().flat_map(|kind| std::iter::once(kind.begin).chain(kind.end));
         faults.chain(self.world_commands().iter().copied()).collect()
     }
 }
@@ -92,8 +92,8 @@ pub struct WorldFaultKind {
     pub key: &'static str,
     /// Its beginning, at `at`.
     pub begin: &'static WorldFault,
-    /// Its end, at `until` if that is given.
-    pub end: &'static WorldFault,
+    /// Its end, at `until` if that is given; `None` if it has no end.
+    pub end: Option<&'static WorldFault>,
     /// Reads and checks the value of the key.
     pub target: fn(&Node<'_>, &mut Diagnostics) -> Option<Target>,
     /// Returns the schema of the table.

@@ -63,7 +63,7 @@ pub enum RawFault {
     /// The world is hit.
     World {
         /// The kind of fault, and that of its end.
-        kinds: [&'static WorldFault; 2],
+        kinds: (&'static WorldFault, Option<&'static WorldFault>),
         /// What it hits.
         target: Target,
         /// Start of the fault.
@@ -267,9 +267,9 @@ fn read_world(
     diagnostics: &mut Diagnostics,
 ) -> Option<RawFault> {
     let from = section.need("at", "at = \"2s\"", diagnostics);
-    let until = section.get("until", diagnostics);
+    let until = kind.end.and_then(|_| section.get("until", diagnostics));
     let target = (kind.target)(target, diagnostics);
-    Some(RawFault::World { kinds: [kind.begin, kind.end], target: target?, from: from?, until })
+    Some(RawFault::World { kinds: (kind.begin, kind.end), target: target?, from: from?, until })
 }
 
 fn read_partition(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<RawFault> {
@@ -466,10 +466,10 @@ pub fn compile(faults: &[RawFault], bounds: &Bounds<'_>, diagnostics: &mut Diagn
                 let pair = hosts::pair_of(hosts, bounds.host_count(), diagnostics);
                 cuts.extend(pair.map(|hosts| HostCut { hosts, from, until }));
             }
-            RawFault::World { kinds: [first, second], target, from, until } => {
+            RawFault::World { kinds: (first, second), target, from, until } => {
                 let (begin, end) = bounds.span(from, until.as_ref(), diagnostics);
                 planned.push(Planned::At(begin, Fault::World(first, *target)));
-                planned.extend(end.map(|at| Planned::At(at, Fault::World(second, *target))));
+                planned.extend(end.zip(*second).map(|(at, end)| Planned::At(at, Fault::World(end, *target))));
             }
             RawFault::Crashes { amount, window, place } => {
                 let Window(from, until) = window.value;

@@ -29,9 +29,11 @@ scenarios!(
     "box-to-chair",
     "box-to-table",
     "carry-cube",
+    "carry-dead",
     "chair",
     "chair-hardware",
     "disc-to-sphere",
+    "drop",
     "faults",
     "hand-over",
     "line-to-box",
@@ -44,6 +46,7 @@ scenarios!(
     "swarm",
     "swarm-200",
     "table",
+    "table-to-shelf",
 );
 
 /// The files that shipped scenarios name.

@@ -14,6 +14,7 @@ pub mod access;
 pub mod beginning;
 pub mod bodies;
 pub mod control;
+pub mod elements;
 pub mod export;
 pub mod figure;
 pub mod http;

@@ -5,6 +5,7 @@
 
 use super::beginning::{Beginning, Heading, micros};
 use super::bodies::ShownSwarm;
+use super::elements::{ElementView, Elements};
 use super::parts::Motion;
 use super::visible::{ActionOutcome, FILLS, ModuleView, Targets};
 use crate::report::message_timeline::{Bin, Flow};
@@ -49,8 +50,10 @@ pub enum Event {
     Resumed(ModuleId),
     /// A fault of the schedule struck: the module, the fault, and its effect.
     Injected(Option<ModuleId>, String, String),
-    /// The cells with a foreign object in them, from now on.
+    /// The cells with a foreign object or a passive element in them, from now on.
     Obstacles(Vec<Cell>),
+    /// The passive elements, from now on.
+    Elements(Vec<ElementView>),
     /// The goal that is built from now on, and its shift.
     Goal(u16, (i16, i16)),
 }
@@ -68,6 +71,10 @@ fn told(at: u64, event: &Event) -> Value {
         Event::Resumed(id) => json!(["l", at, id, "resumed"]),
         Event::Injected(id, what, effect) => json!(["x", at, id, what, effect]),
         Event::Obstacles(cells) => json!(["o", at, cells]),
+        Event::Elements(all) => {
+            let element = |e: &ElementView| json!([e.hold, e.cells]);
+            json!(["e", at, all.iter().map(element).collect::<Vec<Value>>()])
+        }
         Event::Goal(goal, shift) => json!(["g", at, goal, shift]),
     }
 }
@@ -84,8 +91,8 @@ pub struct Scene {
     /// The numbers of motions, by their JSON form.
     motions: BTreeMap<String, u32>,
     obstacles: BTreeSet<Cell>,
-    /// The cells of each passive element.
-    elements: Vec<Vec<Cell>>,
+    /// The passive elements.
+    elements: Elements,
     goal: Option<(u16, (i16, i16))>,
     /// The current cell of the first part of each body.
     cells: Vec<Option<Cell>>,
@@ -123,7 +130,7 @@ impl Scene {
             standings: vec![None; modules],
             asked: Vec::new(),
             obstacles: BTreeSet::new(),
-            elements: Vec::new(),
+            elements: Elements::default(),
             goal: None,
             moving: BTreeMap::new(),
             unseen: BTreeSet::new(),
@@ -275,6 +282,10 @@ impl Scene {
     /// Notes a fault that struck a module or a cell.
     pub fn struck(&mut self, at: Time, id: Option<ModuleId>, cell: Option<Cell>, fault: &str, effect: &str) {
         self.note(at, Event::Injected(id, fault.to_owned(), effect.to_owned()));
+        let dropped = fault.strip_prefix("drop ").and_then(|element| element.parse().ok());
+        if dropped.is_some_and(|element| self.elements.fell(element, effect)) {
+            return self.note_elements(at);
+        }
         let Some(cell) = cell else { return };
         let changed = match fault.starts_with("unblock") {
             true => self.obstacles.remove(&cell),
@@ -287,21 +298,23 @@ impl Scene {
     }
     /// Sets where the passive elements lie at the start, unless that is known.
     pub fn lay_out(&mut self, at: Time, elements: Vec<Vec<Cell>>) {
-        if self.elements.len() != elements.len() {
-            self.elements = elements;
-            self.note_obstacles(at);
+        if self.elements.lay_out(elements) {
+            self.note_elements(at);
         }
     }
-    /// Notes where a passive element is.
-    pub fn carried(&mut self, at: Time, element: usize, cells: Vec<Cell>) {
-        if let Some(known) = self.elements.get_mut(element).filter(|known| **known != cells) {
-            *known = cells;
-            self.note_obstacles(at);
+    /// Notes which passive element a module holds, and where it is.
+    pub fn carried(&mut self, at: Time, id: ModuleId, held: Option<(usize, Vec<Cell>)>) {
+        if self.elements.carried(id, held) {
+            self.note_elements(at);
         }
     }
-    /// Notes all cells with an obstacle or a passive element, which are drawn alike.
+    fn note_elements(&mut self, at: Time) {
+        self.note(at, Event::Elements(self.elements.all().to_vec()));
+        self.note_obstacles(at);
+    }
+    /// Notes all cells with an obstacle or a passive element.
     fn note_obstacles(&mut self, at: Time) {
-        let elements = self.elements.iter().flatten();
+        let elements = self.elements.all().iter().flat_map(|element| &element.cells);
         let cells: BTreeSet<Cell> = self.obstacles.iter().chain(elements).copied().collect();
         self.note(at, Event::Obstacles(cells.into_iter().collect()));
     }

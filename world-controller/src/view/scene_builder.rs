@@ -88,9 +88,7 @@ impl<A: Visible> SceneBuilder<A> {
         if let Some(known) = bodies.places.get_mut(id.index()) {
             *known = place.read()?;
             scene.placed(id, A::at_rest(&bodies.setup, known).first().map(Part::cell));
-            if let Some((element, cells)) = A::held(&bodies.setup, known) {
-                scene.carried(at, element, cells);
-            }
+            scene.carried(at, id, A::held(&bodies.setup, known));
         }
         Ok(())
     }

@@ -129,6 +129,17 @@ pub fn plan_structure(structure: &Structure, bodies: &[Body]) -> StructureAnswer
     }
 }
 
+/// Returns the bundles of a structure in an order in which they can be placed, without a look at where metamodules and elements
+/// are; `None` if no such order was found.
+pub fn bundles(structure: &Structure) -> Option<Vec<Items>> {
+    structure.stable(structure.whole()).ok()?;
+    let mut taking = Taking::new(structure);
+    let Disassembly::Sequence(sequence) = disassemble(&mut taking, structure.whole(), MAX_BUNDLES) else {
+        return None;
+    };
+    Some(sequence.iter().rev().map(|removal| removal.bundle).collect())
+}
+
 /// Plans a structure in the order of thesis B.5, which is not changed.
 pub fn plan_as_thesis(structure: &Structure, bodies: &[Body]) -> StructureAnswer {
     if let Some(failure) = impossible(structure, bodies) {
@@ -249,7 +260,7 @@ impl<'a> Course<'a, '_> {
             None => Default::default(),
         };
         let bodies = self.free.iter().map(|(_, body)| *body).collect();
-        Task { bodies, start, held_by: None, goal, ends, fixed, weight: WEIGHT }
+        Task { ends, fixed, ..Task::new(bodies, start, goal, WEIGHT) }
     }
 
     /// Notes what was done, in terms of the free metamodules.
@@ -319,15 +330,13 @@ impl<'a> Course<'a, '_> {
         placed: &mut Placed,
     ) -> Result<(), Refusal<Reason>> {
         let task = self.task(Some(piece), Some(ends));
-        let plan = match search(self.taking.ground(piece), &task) {
+        let ground = self.taking.ground(piece);
+        let plan = match search(ground, &task) {
             Answer::Plan(plan) => plan,
-            Answer::Infeasible(reason) => {
-                let is_proved = self.is_proof(piece, reason);
-                return Err(Refusal { reason: Reason::Transport(reason), is_proved });
-            }
-            Answer::Undecided { .. } => {
-                return Err(Refusal { reason: Reason::NotFound, is_proved: false });
-            }
+            _ => match search(ground, &Task { puts_down: true, ..task.clone() }) {
+                Answer::Plan(plan) => plan,
+                answer => return Err(self.refusal(piece, &answer)),
+            },
         };
         placed.hand_overs += plan.hand_overs;
         placed.peak = placed.peak.max(self.peak(piece, &plan));
@@ -345,6 +354,15 @@ impl<'a> Course<'a, '_> {
         placed.actions.push(Action { mover: self.free[last].0, deed: Deed::LetGo });
         placed.hand_overs += 1;
         Ok(())
+    }
+
+    fn refusal(&self, piece: usize, answer: &Answer) -> Refusal<Reason> {
+        match answer {
+            Answer::Infeasible(reason) => {
+                Refusal { reason: Reason::Transport(*reason), is_proved: self.is_proof(piece, *reason) }
+            }
+            _ => Refusal { reason: Reason::NotFound, is_proved: false },
+        }
     }
 
     /// Returns true if that there is no transport is a proof for this bundle. The search knows the hand-overs of some
@@ -378,7 +396,7 @@ impl<'a> Course<'a, '_> {
                 }
                 Deed::Move(Motion::Land(body)) => postures[action.mover] = body.posture,
                 Deed::Grip { grip } => holder = Some((action.mover, grip)),
-                Deed::LetGo => {}
+                Deed::LetGo => holder = holder.filter(|(mover, _)| *mover != action.mover),
             }
         }
         peak

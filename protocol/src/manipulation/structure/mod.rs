@@ -16,6 +16,7 @@ use super::carry::{CarryTable, held_by};
 use super::contact::ElementSweeper;
 use super::element::{Element, Grip};
 use super::load::{Limits, LoadTable, Peak, standing_peak};
+use super::rest::rests;
 use super::scene::{Foothold, Hold, NO_SET, Scene, hand_overs};
 use super::terrain::{Terrain, world_cell};
 use super::transport::Reason as TransportReason;
@@ -59,7 +60,7 @@ pub struct Site {
 /// The grips that are looked at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Grips {
-    /// Those of metamodules in seats, with the elements at their goals.
+    /// Those of metamodules in seats, with the elements at their goals; all of an element that nobody holds there.
     OfSeats,
     /// All.
     All,
@@ -127,8 +128,8 @@ impl Piece {
     fn new(site: &Site, part: Part, seats: &[Seat], grips: Grips, sweeper: &mut ElementSweeper) -> Piece {
         let table = site.database.table(site.kind);
         let all = part.shape.grips();
-        let used: Vec<&Grip> =
-            all.iter().filter(|g| grips == Grips::All || is_of_seats(site, &part, seats, g)).collect();
+        let of_seats: Vec<&Grip> = all.iter().filter(|g| is_of_seats(site, &part, seats, g)).collect();
+        let used = if grips == Grips::All || of_seats.is_empty() { all.iter().collect() } else { of_seats };
         let carry: Vec<CarryTable> =
             used.iter().map(|grip| CarryTable::new(&site.database, site.kind, grip, sweeper)).collect();
         let loads: Vec<LoadTable> =
@@ -274,7 +275,13 @@ impl Structure {
         self.holds(piece, seat).next().is_some()
     }
 
-    /// Checks that a set of items stands: each piece is held by a metamodule in a seat, and no metamodule that holds it would
+    /// Returns true if a piece rests on the floor at its goal.
+    fn lies(&self, piece: usize) -> bool {
+        let floor = self.site.floor.connectors();
+        rests(&self.pieces[piece].part.goal, |c| floor.iter().any(|g| g.half == [2 * c.x, 2 * c.y, 0]))
+    }
+
+    /// Checks that a set of items stands: each piece rests or is held by a metamodule in a seat, and no metamodule that holds it would
     /// exceed its limits of torque if it held it alone. Seats stand on the floor.
     ///
     /// # Errors
@@ -283,7 +290,7 @@ impl Structure {
         for piece in self.pieces_in(items) {
             let holders: Vec<usize> =
                 self.seats_in(items).filter(|seat| self.is_bond(piece, *seat)).collect();
-            if holders.is_empty() {
+            if holders.is_empty() && !self.lies(piece) {
                 return Err(Reason::NotHeld(piece));
             }
             if holders.iter().any(|seat| self.holds_within(piece, *seat).next().is_none()) {

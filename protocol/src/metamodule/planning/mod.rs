@@ -2,6 +2,7 @@
 //! searches for several, and plans of all until a goal is built.
 
 pub mod assembly_order;
+pub mod bundles;
 pub mod centralized;
 pub mod cooperative;
 pub mod distances;
@@ -13,3 +14,4 @@ pub(crate) mod posture_set;
 pub(crate) mod random_walk;
 pub(crate) mod state_space;
 pub mod transport;
+pub mod transports;

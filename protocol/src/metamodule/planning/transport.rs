@@ -12,11 +12,19 @@ use crate::manipulation::walking::{Body, Ground, Motion};
 use crate::metamodule::params::Setup;
 use crate::metamodule::pose::{Load, Pose, to_world};
 use crate::roombots::lattice_pose::{LatticePose, LatticeRotation};
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 /// The weight of the lower bound in hundredths.
 const WEIGHT: u32 = 500;
+/// The most connectors of a floor on which transports are planned: footholds have 16 bits.
+const MAX_CONNECTORS: usize = 16_000;
+/// Floors with at most so many connectors are looked at as a whole.
+const WHOLE_FLOOR: usize = 400;
+/// Connectors around what concerns a transport that are looked at on larger floors.
+const MARGIN: i16 = 6;
 /// Work of planning one transport, in placements examined, as scenario time is taken for it: a constant, since most of
 /// it is the making of graphs that depend on the floor only.
 pub const TRANSPORT_WORK: usize = 2_000_000;
@@ -69,48 +77,99 @@ pub enum TransportAnswer {
     Undecided,
 }
 
-/// Plans how an element is brought from where it is to its goal, so that its last holder fills one of the open seeds.
-/// Hand-overs are tried if there is no plan without, and only of an element with one grip: the tables of hand-overs grow
-/// with the square of the number of grips.
-pub fn plan_transport(at: &Standstill, element: usize) -> TransportAnswer {
-    let answer = planned(at, element, false);
-    let has_plan = matches!(answer, TransportAnswer::Plan(_) | TransportAnswer::Infeasible(Reason::Colour));
-    match at.setup.elements.loads_of(element).len() {
-        1 if !has_plan => planned(at, element, true),
-        _ if has_plan => answer,
+/// What is asked of the planner of one element.
+#[derive(Clone, Copy, Debug)]
+pub struct Transport<'a> {
+    /// The element.
+    pub element: usize,
+    /// Its cells, sorted.
+    pub cells: &'a [Cell],
+    /// The cells of its goal, sorted.
+    pub goal: &'a [Cell],
+    /// True if it lies at its goal in the end, and nobody holds it.
+    pub lies: bool,
+}
+
+/// The graphs of the floor by element, made when they are first needed.
+#[derive(Clone, Default)]
+pub struct Scenes(BTreeMap<(Vec<usize>, bool), Arc<Scene>>);
+
+impl fmt::Debug for Scenes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} scenes", self.0.len())
+    }
+}
+
+impl Scenes {
+    fn of(&mut self, setup: &Setup, element: usize, with_hand_overs: bool) -> Arc<Scene> {
+        let key = (setup.elements.tables_of(element), with_hand_overs);
+        let made = || Arc::new(scene(setup, element, &setup.elements.loads_of(element), with_hand_overs));
+        Arc::clone(self.0.entry(key).or_insert_with(made))
+    }
+}
+
+/// What a transport may make use of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Means {
+    hand_overs: bool,
+    puts_down: bool,
+}
+
+/// Plans how an element is brought from where it is to its goal, so that its last holder fills one of the open seeds, or
+/// so that it lies there. Hand-overs are tried if there is no plan without, and only of an element with one grip: the tables
+/// of hand-overs grow with the square of the number of grips. Then the element may be put down on the way as well.
+pub fn plan_transport(at: &Standstill, transport: &Transport<'_>, scenes: &mut Scenes) -> TransportAnswer {
+    let loads = at.setup.elements.loads_of(transport.element).len();
+    let mut means: Vec<Means> = Vec::new();
+    if !transport.lies {
+        means.push(Means { hand_overs: false, puts_down: false });
+        means.extend((loads == 1).then_some(Means { hand_overs: true, puts_down: false }));
+    }
+    means.push(Means { hand_overs: false, puts_down: true });
+    means.extend((loads == 1).then_some(Means { hand_overs: true, puts_down: true }));
+    let mut answer = TransportAnswer::Undecided;
+    for means in means {
+        answer = planned(at, transport, scenes, means);
+        let is_settled =
+            matches!(answer, TransportAnswer::Plan(_) | TransportAnswer::Infeasible(Reason::Colour));
+        if is_settled {
+            return answer;
+        }
+    }
+    match loads {
+        1 => answer,
         // There may be a plan with hand-overs.
         _ => TransportAnswer::Undecided,
     }
 }
 
-fn planned(at: &Standstill, element: usize, with_hand_overs: bool) -> TransportAnswer {
-    let (setup, loads) = (&*at.setup, at.setup.elements.loads_of(element));
-    let Some(passive) = setup.elements.all().get(element) else { return TransportAnswer::Undecided };
-    let scene = scene(setup, element, &loads, with_hand_overs);
-    let ground = Ground::new(&scene, |_| true);
-    let footholds: HashMap<LatticePose, Foothold> =
-        (0..).zip(scene.footholds()).map(|(i, pose)| (*pose, i)).collect();
-    let body = |pose: &Pose| {
-        let foothold = *footholds.get(&foot(*pose))?;
-        Some(Body { foothold, posture: pose.posture })
-    };
+fn planned(at: &Standstill, transport: &Transport<'_>, scenes: &mut Scenes, means: Means) -> TransportAnswer {
+    let (setup, element) = (&*at.setup, transport.element);
+    if setup.floor.connectors() > MAX_CONNECTORS {
+        return TransportAnswer::Undecided;
+    }
+    let loads = setup.elements.loads_of(element);
+    let scene = scenes.of(setup, element, means.hand_overs);
+    let window = window(at, transport);
+    let ground = Ground::new(&scene, |c| {
+        window.as_ref().is_none_or(|[x, y]| x.contains(&(c.half[0] / 2)) && y.contains(&(c.half[1] / 2)))
+    });
+    let body = |pose: &Pose| Some(Body { foothold: foothold(setup, *pose)?, posture: pose.posture });
     let Some(bodies) = at.free.iter().map(body).collect::<Option<Vec<Body>>>() else {
         return TransportAnswer::Undecided;
     };
     let holder = at.free.iter().position(|pose| setup.elements.of(pose.load) == Some(element));
     let grip_of = |load: Load| loads.iter().position(|l| *l == load);
     let held_by = holder.and_then(|i| Some((i as u8, grip_of(at.free[i].load)? as u8)));
-    let start = holder.and_then(|i| setup.held(at.free[i])).map_or(passive.start.clone(), |(_, cells)| cells);
     let open = setup.goal(at.task).open(at.filled);
     let seeds = setup.seeds(at.task).filter(|(seed, _)| open.has(*seed));
     let task = Task {
-        bodies,
-        start,
         held_by,
-        goal: passive.goal.clone(),
-        ends: Some(seeds.map(|(_, seed)| seed.cells()).collect()),
+        ends: (!transport.lies).then(|| seeds.map(|(_, seed)| seed.cells()).collect()),
+        puts_down: means.puts_down,
+        rests: transport.lies,
         fixed: at.fixed.clone(),
-        weight: WEIGHT,
+        ..Task::new(bodies, transport.cells.to_vec(), transport.goal.to_vec(), WEIGHT)
     };
     match search(&ground, &task) {
         Answer::Plan(found) => {
@@ -123,6 +182,32 @@ fn planned(at: &Standstill, element: usize, with_hand_overs: bool) -> TransportA
         Answer::Infeasible(reason) => TransportAnswer::Infeasible(reason),
         Answer::Undecided { .. } => TransportAnswer::Undecided,
     }
+}
+
+/// Returns the part of a large floor that is looked at: around the element, its goal, and the free metamodules.
+fn window(at: &Standstill, transport: &Transport<'_>) -> Option<[RangeInclusive<i16>; 2]> {
+    if at.setup.floor.connectors() <= WHOLE_FLOOR {
+        return None;
+    }
+    let feet = at.free.iter().map(|pose| pose.foot());
+    let cells = transport.cells.iter().chain(transport.goal).map(|c| (c.x, c.y));
+    let all: Vec<(i16, i16)> = feet.chain(cells).collect();
+    let along = |of: fn(&(i16, i16)) -> i16| {
+        let (least, most) = (all.iter().map(of).min()?, all.iter().map(of).max()?);
+        Some(least - MARGIN..=most + MARGIN)
+    };
+    Some([along(|(x, _)| *x)?, along(|(_, y)| *y)?])
+}
+
+/// Returns the number of the foothold of a pose: they come by connector, x first, and there by rotation.
+fn foothold(setup: &Setup, pose: Pose) -> Option<Foothold> {
+    let floor = setup.floor;
+    let (x, y) = pose.foot();
+    let column = i32::from(floor.max.1) - i32::from(floor.min.1) + 1;
+    let connector = (i32::from(x) - i32::from(floor.min.0)) * column + i32::from(y) - i32::from(floor.min.1);
+    let up = LatticeRotation::all().filter(|r| r.up() == Face::Up);
+    let turn = up.into_iter().position(|r| r == foot(pose).rotation)?;
+    floor.has(x, y).then(|| Foothold::try_from(4 * connector + turn as i32).ok())?
 }
 
 /// Returns the graphs of the floor for the grips of an element.
@@ -180,11 +265,11 @@ fn steps_of(at: &Standstill, loads: &[Load], actions: &[Action]) -> Option<(Vec<
     Some((steps, peak))
 }
 
-/// Returns the steps by which a metamodule puts the element that it holds down where it lay at the start; `None` if it
-/// cannot. It stays at its foothold, and the others where they are.
+/// Returns the steps by which a metamodule puts the element that it holds down on the floor; `None` if it cannot. It stays at
+/// its foothold, and the others where they are.
 pub fn put_back(at: &Standstill, body: usize) -> Option<Vec<TransportStep>> {
     let (setup, pose) = (&*at.setup, *at.free.get(body)?);
-    let (element, _) = setup.held(pose)?;
+    setup.held(pose)?;
     let (carry, limits) = (setup.elements.carry(pose.load)?, setup.elements.limits());
     let others = (0..at.free.len()).filter(|i| *i != body).flat_map(|i| setup.occupied(at.free[i]));
     let taken: BTreeSet<Cell> = others.chain(at.fixed.iter().copied()).collect();
@@ -193,9 +278,8 @@ pub fn put_back(at: &Standstill, body: usize) -> Option<Vec<TransportStep>> {
         let within = setup.elements.peak(pose.load, step).is_some_and(|peak| peak.within(limits));
         within && !carry.steps()[step].swept.meets(&blocked)
     };
-    let start = &setup.elements.all()[element].start;
     let lies = |posture: &u16| {
-        setup.held(Pose { posture: *posture, ..pose }).is_some_and(|(_, cells)| cells == *start)
+        setup.held(Pose { posture: *posture, ..pose }).is_some_and(|(_, cells)| setup.rests(&cells))
     };
     let ends = carry.valid_postures().into_iter().filter(lies);
     let path = ends.filter_map(|to| carry.path(pose.posture, to, passes)).min_by_key(Vec::len)?;
@@ -212,11 +296,11 @@ pub fn put_back(at: &Standstill, body: usize) -> Option<Vec<TransportStep>> {
 
 /// Returns the loads by which metamodules in their seeds can still grip an element at its goal: the number of each
 /// metamodule in `settled` with the load.
-pub fn missing_bonds(setup: &Setup, settled: &[Pose]) -> Vec<(usize, Load)> {
+pub fn missing_bonds(setup: &Setup, goal: u8, settled: &[Pose]) -> Vec<(usize, Load)> {
     let mut missing = Vec::new();
     for (element, passive) in setup.elements.all().iter().enumerate() {
         for (i, pose) in settled.iter().enumerate().filter(|(_, pose)| pose.load == Load::NONE) {
-            missing.extend(setup.loads_at(*pose, element, &passive.goal).map(|load| (i, load)));
+            missing.extend(setup.loads_at(*pose, element, passive.goal(goal)).map(|load| (i, load)));
         }
     }
     missing
@@ -224,13 +308,13 @@ pub fn missing_bonds(setup: &Setup, settled: &[Pose]) -> Vec<(usize, Load)> {
 
 /// Returns the posture in which a metamodule fills the same seed as in `posture` and its head faces an element at its goal.
 /// Without such a posture, or a way to it around these cells, returns `posture`.
-pub fn facing(setup: &Setup, from: Pose, posture: u16, fixed: &[Cell]) -> u16 {
+pub fn facing(setup: &Setup, goal: u8, from: Pose, posture: u16, fixed: &[Cell]) -> u16 {
     let (motions, elements) = (&setup.motions, setup.elements.all());
     let taken = motions.graph().seen_from(from.state, fixed);
     let faces = |to: &u16| {
         let pose = Pose { posture: *to, ..from };
         let mut goals = elements.iter().enumerate();
-        goals.any(|(element, passive)| setup.loads_at(pose, element, &passive.goal).is_some())
+        goals.any(|(element, passive)| setup.loads_at(pose, element, passive.goal(goal)).is_some())
             && motions.graph().path(from.posture, *to, taken).is_some()
     };
     let chain = motions.graph().chain(posture);
@@ -238,7 +322,7 @@ pub fn facing(setup: &Setup, from: Pose, posture: u16, fixed: &[Cell]) -> u16 {
     same.iter().copied().find(faces).unwrap_or(posture)
 }
 
-/// Returns true if these cells are those of the goal of an element.
-pub fn is_at_goal(setup: &Setup, element: usize, cells: &[Cell]) -> bool {
-    setup.elements.all().get(element).is_some_and(|passive| passive.goal == cells)
+/// Returns true if these cells are those of an element in the end of a goal.
+pub fn is_at_goal(setup: &Setup, goal: u8, element: usize, cells: &[Cell]) -> bool {
+    setup.elements.all().get(element).is_some_and(|passive| passive.goal(goal) == cells)
 }

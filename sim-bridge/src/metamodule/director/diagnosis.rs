@@ -5,8 +5,8 @@ use crate::director::outcome::{Proof, Stall, Waiter};
 use crate::director::reason::Why;
 use crate::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_WAY};
 use crate::metamodule::reasons::{
-    BARRED, ELEMENT_BLOCKED, ELEMENT_PINNED, HAS_NO_BETTER_PLACE, KEPT_FROM_ELEMENT, MISPLACED,
-    NO_BETTER_PLACE, NO_LOCK, SEED_BLOCKED,
+    BARRED, ELEMENT_BLOCKED, ELEMENT_OFF_COLOUR, ELEMENT_PINNED, HAS_NO_BETTER_PLACE, KEPT_FROM_ELEMENT,
+    MISPLACED, NO_BETTER_PLACE, NO_LOCK, SEED_BLOCKED,
 };
 use crate::metamodule::relocation::Elsewhere;
 use crate::metamodule::world::MetamoduleWorld;
@@ -44,6 +44,8 @@ impl MetamoduleDirector {
         let ordered = self.setup.params.precedence.is_some();
         let here = if !self.pinned(world).is_empty() {
             ELEMENT_PINNED
+        } else if self.is_off_colour(world) {
+            ELEMENT_OFF_COLOUR
         } else if free.len() < unfilled.len() {
             MATERIAL_EXHAUSTED
         } else if self.is_seed_blocked(&stays) {

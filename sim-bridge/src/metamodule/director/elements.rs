@@ -2,9 +2,10 @@
 
 use super::MetamoduleDirector;
 use super::plan_execution::{ElementNow, Swarm};
-use crate::metamodule::world::MetamoduleWorld;
+use crate::metamodule::world::{Drop, MetamoduleWorld};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::manipulation::colour::colours_differ;
 use metamorph_protocol::metamodule::message::Order;
 use metamorph_protocol::metamodule::planning::transport::is_at_goal;
 use std::collections::BTreeSet;
@@ -22,6 +23,24 @@ impl MetamoduleDirector {
         }
     }
 
+    /// Drops an element, and has everything planned anew. Returns what became of it.
+    pub(super) fn drop_element(&mut self, element: usize, world: &mut MetamoduleWorld) -> String {
+        let Some(name) = self.setup.elements.all().get(element).map(|e| e.name.clone()) else {
+            return format!("there is no element {element}");
+        };
+        match world.drop_element(element) {
+            Drop::NotHeld => format!("{name}: nobody held it"),
+            Drop::Fell { from, cells, on } => {
+                // Where the dead are is told with what they hold.
+                self.untold.extend(from.iter().filter(|id| self.dead.contains(id)));
+                self.tell_obstacles(world);
+                self.disturb();
+                let on = on.map_or_else(String::new, |id| format!(", on module {id}"));
+                format!("{name}: it fell {cells} cells{on}")
+            }
+        }
+    }
+
     /// Returns what is known of the swarm, for planning.
     pub(super) fn swarm<'a>(&'a self, world: &MetamoduleWorld) -> Swarm<'a> {
         let stays = self.foreign(world).into_iter().collect();
@@ -35,7 +54,8 @@ impl MetamoduleDirector {
     /// Returns the elements that are not at their goals, each with a dead metamodule whose latch on it stays closed.
     pub fn pinned(&self, world: &MetamoduleWorld) -> Vec<(usize, ModuleId)> {
         let by = |e| world.holders(e).find(|id| self.dead.contains(id)).map(|id| (e, id));
-        let away = (0..world.elements()).filter(|e| !is_at_goal(&self.setup, *e, world.element(*e)));
+        let goal = self.task.goal;
+        let away = (0..world.elements()).filter(|e| !is_at_goal(&self.setup, goal, *e, world.element(*e)));
         away.filter_map(by).collect()
     }
 
@@ -44,11 +64,9 @@ impl MetamoduleDirector {
     /// or there is a transport.
     pub fn blocked(&self, world: &MetamoduleWorld) -> Option<(usize, Vec<ModuleId>)> {
         let mut swarm = self.swarm(world);
-        let element = swarm.next_element()?;
-        let has_dead_holder = swarm.elements[element].holders.iter().any(|id| self.dead.contains(id));
-        if has_dead_holder || swarm.has_transport(element) {
-            return None;
-        }
+        let has_dead_holder = |e: &usize| swarm.elements[*e].holders.iter().any(|id| self.dead.contains(id));
+        let left: Vec<usize> = swarm.elements_left().filter(|e| !has_dead_holder(e)).collect();
+        let element = left.into_iter().find(|e| !swarm.has_transport(*e))?;
         let stays = swarm.stays.clone();
         let mut has_way_without = |gone: &[ModuleId]| {
             let is_gone = |cell: &Cell| gone.iter().any(|id| world.cells(*id).contains(cell));
@@ -59,6 +77,13 @@ impl MetamoduleDirector {
         let one: Vec<ModuleId> = dead.iter().copied().filter(|id| has_way_without(&[*id])).collect();
         let all = one.is_empty() && has_way_without(&dead);
         Some((element, if all { dead } else { one }))
+    }
+
+    /// Returns true if an element is in cells of the other colour than those of its goal, after a fall.
+    pub(super) fn is_off_colour(&self, world: &MetamoduleWorld) -> bool {
+        let elements = self.setup.elements.all().iter().enumerate();
+        let mut off = elements.filter(|(e, of)| colours_differ(world.element(*e), of.goal(self.task.goal)));
+        off.next().is_some()
     }
 
     /// Returns true if all elements are at their goals, gripped by all metamodules in seeds whose heads face them.

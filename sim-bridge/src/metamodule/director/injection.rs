@@ -3,7 +3,7 @@
 use super::MetamoduleDirector;
 use crate::director::faults::{Fault, Target};
 use crate::director::steering::Steering as Commanded;
-use crate::metamodule::faults::{GOAL_MOVED, OBSTACLE, OBSTACLE_GONE};
+use crate::metamodule::faults::{DROP, GOAL_MOVED, OBSTACLE, OBSTACLE_GONE};
 use crate::metamodule::relocation::Shift;
 use crate::metamodule::world::MetamoduleWorld;
 use metamorph_protocol::ids::ModuleId;
@@ -51,6 +51,10 @@ impl MetamoduleDirector {
             return self.move_goal(now, fault, (x, y));
         }
         let (cell, there, done) = match fault {
+            Fault::World(&DROP, Target::Element(element)) => {
+                let effect = self.drop_element(usize::from(element), world);
+                return self.faults.inject(now, fault, false, effect, &mut self.commands);
+            }
             Fault::World(&OBSTACLE, Target::Cell(cell)) => (cell, true, world.block(cell)),
             Fault::World(&OBSTACLE_GONE, Target::Cell(cell)) => (cell, false, world.unblock(cell)),
             _ => {

@@ -6,10 +6,11 @@
 //! unfilled although there are metamodules for them, the metamodules decide for themselves, as under `negotiated`,
 //! until one more seed is filled; if that is not allowed they rest.
 //!
-//! Elements come first, one after the other: the plan for the next one is carried out step by step, with its last holder in a
-//! seed. Then the other seeds are filled, and the metamodules in them grip what faces their heads. While an element is on
-//! its way the metamodules are never left to themselves. Of an element whose holder is dead or suspected there is no plan. A
-//! living holder that has none puts the element back where it lay, so that another one can take it.
+//! Elements come first: transports of all that are not at their goals are planned in the order of the structure's bundles, and
+//! steps that do not meet are made at the same time. Then the other seeds are filled, and the metamodules in them grip what
+//! faces their heads. While an element is on its way the metamodules are never left to themselves. Of an element whose holder
+//! is dead or suspected there is no plan. A living holder that has none puts the element down, so that another one can
+//! take it.
 //!
 //! Planning takes scenario time: its work divided by [`PLANNING_RATE`]. So a run has the same trace on every
 //! machine.
@@ -20,13 +21,16 @@ use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::{SeedSet, Task};
 use metamorph_protocol::metamodule::message::{Instruction, Order, Status};
 use metamorph_protocol::metamodule::params::Setup;
+use metamorph_protocol::metamodule::planning::bundles::element_order;
 use metamorph_protocol::metamodule::planning::centralized::{
     CentralPlan, PlannedMove, Shortage, bound, plan,
 };
 use metamorph_protocol::metamodule::planning::cooperative::{Standstill, WORK};
 use metamorph_protocol::metamodule::planning::transport::{
-    TRANSPORT_WORK, TransportAnswer, TransportDeed, TransportStep, facing, is_at_goal, missing_bonds,
-    plan_transport, put_back,
+    Scenes, TRANSPORT_WORK, TransportDeed, TransportStep, facing, is_at_goal, missing_bonds, put_back,
+};
+use metamorph_protocol::metamodule::planning::transports::{
+    ElementNow as PlannedElement, OrderedStep, plan_transports,
 };
 use metamorph_protocol::metamodule::pose::{Load, Pose};
 use metamorph_protocol::runtime::Command;
@@ -100,9 +104,17 @@ impl Swarm<'_> {
     fn status(&self, id: ModuleId) -> Option<Status> {
         self.known.get(id.index()).filter(|known| known.alive).and_then(|known| known.status)
     }
-    /// Returns the next element that is not at its goal.
-    pub fn next_element(&self) -> Option<usize> {
-        (0..self.elements.len()).find(|e| !is_at_goal(self.setup, *e, &self.elements[*e].cells))
+    /// Returns the elements that are not at their goals.
+    pub fn elements_left(&self) -> impl Iterator<Item = usize> + '_ {
+        let is_left = |e: &usize| !is_at_goal(self.setup, self.task.goal, *e, &self.elements[*e].cells);
+        let held = |e: &usize| !self.elements[*e].holders.is_empty();
+        // One that lies at its goal in the end is let go there.
+        let lies = |e: &usize| self.setup.elements.lies(*e, self.task.goal);
+        (0..self.elements.len()).filter(move |e| is_left(e) || (lies(e) && held(e)))
+    }
+    /// Returns true if a metamodule holds an element that is not at its goal.
+    fn carries(&self, id: ModuleId) -> bool {
+        self.elements_left().any(|e| self.elements[e].holders.contains(&id))
     }
     /// Returns the metamodules in seeds that are to grip an element at its goal, their poses and the loads.
     fn missing_bonds(&self) -> Vec<(ModuleId, Pose, Load)> {
@@ -111,39 +123,47 @@ impl Swarm<'_> {
         };
         let settled: Vec<(ModuleId, Pose)> = self.living().filter_map(settled).collect();
         let poses: Vec<Pose> = settled.iter().map(|(_, pose)| *pose).collect();
-        let missing = missing_bonds(self.setup, &poses).into_iter();
+        let missing = missing_bonds(self.setup, self.task.goal, &poses).into_iter();
         missing.map(|(i, load)| (settled[i].0, settled[i].1, load)).collect()
     }
     /// Returns true if all seeds are filled, and all elements are at their goals and gripped by all heads that face them.
     pub fn is_built(&self) -> bool {
         let filled = self.filled.holds(self.setup.goal(self.task).all());
-        filled && self.next_element().is_none() && self.missing_bonds().is_empty()
+        filled && self.elements_left().next().is_none() && self.missing_bonds().is_empty()
     }
-    /// Returns the input of a search for this element, or without one for the seeds: the free metamodules and what stands.
-    fn standstill(
-        &self,
-        element: Option<usize>,
-        suspected: &BTreeSet<ModuleId>,
-    ) -> (Vec<ModuleId>, Standstill) {
+    /// Returns the input of a search: the free metamodules and what stands. Elements do if it is about the seeds; a metamodule in
+    /// a seed that still carries one is free.
+    fn standstill(&self, of_seeds: bool, suspected: &BTreeSet<ModuleId>) -> (Vec<ModuleId>, Standstill) {
         let (mut ids, mut free, mut fixed) = (Vec::new(), Vec::new(), self.stays.clone());
         for (id, status) in self.living() {
             let Some(status) = status else { continue };
-            if !self.fills(&status) && !status.stuck && !suspected.contains(&id) {
+            let is_free = !self.fills(&status) || self.carries(id);
+            if is_free && !status.stuck && !suspected.contains(&id) {
                 ids.push(id);
                 free.push(status.pose);
             } else {
                 fixed.extend(self.setup.motions.cells(status.pose));
             }
         }
-        let others = self.elements.iter().enumerate().filter(|(e, _)| Some(*e) != element);
-        fixed.extend(others.flat_map(|(_, e)| &e.cells));
+        fixed.extend(self.elements.iter().filter(|_| of_seeds).flat_map(|e| &e.cells));
         let setup = Arc::clone(self.setup);
         (ids, Standstill { setup, task: self.task, filled: self.filled, free, fixed })
     }
+    /// Returns the elements in terms of the free metamodules `ids`.
+    fn planned_elements(&self, ids: &[ModuleId]) -> Vec<PlannedElement> {
+        let number = |id: &ModuleId| ids.iter().position(|other| other == id);
+        let element = |e: &ElementNow| PlannedElement {
+            cells: e.cells.clone(),
+            holders: e.holders.iter().filter_map(number).collect(),
+            is_pinned: e.holders.iter().any(|id| number(id).is_none()),
+        };
+        self.elements.iter().map(element).collect()
+    }
     /// Returns true if the planner finds a transport of an element to its goal.
     pub fn has_transport(&self, element: usize) -> bool {
-        let (_, standstill) = self.standstill(Some(element), &BTreeSet::new());
-        matches!(plan_transport(&standstill, element), TransportAnswer::Plan(_))
+        let (ids, standstill) = self.standstill(false, &BTreeSet::new());
+        let elements = self.planned_elements(&ids);
+        plan_transports(&standstill, &elements, &[element], &mut Scenes::default()).count > 0
     }
     /// Returns true if all living metamodules have reported and none moves.
     fn rests(&self) -> bool {
@@ -191,9 +211,15 @@ pub(super) struct PlanExecution {
     number: u32,
     disturbed: bool,
     suspected: BTreeSet<ModuleId>,
-    /// Plans made since the last seed was filled.
+    /// Plans made since the last seed was filled, or the last element placed.
     replans: u32,
     filled: SeedSet,
+    /// The number of elements that are not at their goals.
+    left: usize,
+    /// The graphs of the floor for elements.
+    scenes: Scenes,
+    /// The order of the elements for this task.
+    order: Option<(Task, Vec<usize>)>,
     /// What was known when there was nothing more to do.
     rested: Vec<Standing>,
     /// Whether metamodules may decide for themselves where there is no plan.
@@ -214,6 +240,9 @@ impl PlanExecution {
             suspected: BTreeSet::new(),
             replans: 0,
             filled: SeedSet::default(),
+            left: 0,
+            scenes: Scenes::default(),
+            order: None,
             rested: Vec::new(),
             hands_over,
             round_trip,
@@ -240,6 +269,10 @@ impl PlanExecution {
         }
         if self.filled != swarm.filled {
             (self.filled, self.replans) = (swarm.filled, 0);
+        }
+        let left = swarm.elements_left().count();
+        if left != self.left {
+            (self.left, self.replans) = (left, 0);
         }
         match self.stage {
             Stage::Holding(at) => {
@@ -288,11 +321,10 @@ impl PlanExecution {
 
     /// Makes a plan from what has been reported.
     fn plan(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut VecDeque<Command<Order>>) {
-        let element = swarm.next_element();
-        let (ids, standstill) = swarm.standstill(element, &self.suspected);
-        if let Some(element) = element {
-            return self.plan_element(now, swarm, orders, (&ids, &standstill, element));
+        if swarm.elements_left().next().is_some() {
+            return self.plan_elements(now, swarm, orders);
         }
+        let (ids, standstill) = swarm.standstill(true, &self.suspected);
         let bonds = swarm.missing_bonds();
         if !bonds.is_empty() {
             return self.plan_bonds(now, bonds);
@@ -310,7 +342,7 @@ impl PlanExecution {
         let step = |PlannedMove { body, from, posture, lands, fills, after }: PlannedMove| {
             // A metamodule in a seed grips what faces its head.
             let posture = match fills {
-                Some(_) if !lands => facing(swarm.setup, from, posture, &standstill.fixed),
+                Some(_) if !lands => facing(swarm.setup, swarm.task.goal, from, posture, &standstill.fixed),
                 _ => posture,
             };
             let end = Pose { posture, ..from };
@@ -327,44 +359,41 @@ impl PlanExecution {
         self.stage = Stage::Planning(now + Span((work as u64).saturating_mul(1_000_000_000) / PLANNING_RATE));
     }
 
-    /// Plans how an element is brought to its goal, with the metamodules `ids` at a standstill.
-    fn plan_element(
-        &mut self,
-        now: Time,
-        swarm: &Swarm<'_>,
-        orders: &mut VecDeque<Command<Order>>,
-        (ids, standstill, element): (&[ModuleId], &Standstill, usize),
-    ) {
-        let is_pinned = swarm.elements[element].holders.iter().any(|id| !ids.contains(id));
+    /// Plans how the elements are brought to their goals.
+    fn plan_elements(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut VecDeque<Command<Order>>) {
+        let (ids, standstill) = swarm.standstill(false, &self.suspected);
+        let elements = swarm.planned_elements(&ids);
+        if self.order.as_ref().is_none_or(|(task, _)| *task != swarm.task) {
+            self.order = Some((swarm.task, element_order(swarm.setup, swarm.task)));
+        }
+        let order = self.order.as_ref().map(|(_, order)| order.clone()).unwrap_or_default();
         self.shortage = None;
         self.counts.plans += 1;
         self.replans += 1;
-        let answer = match is_pinned {
-            true => TransportAnswer::Undecided,
-            false => {
-                self.counts.work += TRANSPORT_WORK as u64;
-                plan_transport(standstill, element)
-            }
-        };
-        let TransportAnswer::Plan(found) = answer else {
-            // Another metamodule may bring the element to its goal.
-            let holder = |id: &ModuleId| swarm.elements[element].holders.contains(id);
-            let body = ids.iter().position(holder).filter(|_| !is_pinned);
-            return match body.and_then(|body| put_back(standstill, body)) {
-                Some(steps) => self.follow(now, ids, steps, false),
+        let found = plan_transports(&standstill, &elements, &order, &mut self.scenes);
+        self.counts.work += TRANSPORT_WORK as u64 * found.searches as u64;
+        if found.steps.is_empty() {
+            // Another metamodule may bring an element to its goal.
+            let holders = swarm.elements_left().filter(|e| !elements[*e].is_pinned);
+            let mut holders = holders.filter_map(|e| match elements[e].holders.as_slice() {
+                [holder] => Some(*holder),
+                _ => None,
+            });
+            let put = holders.find_map(|body| put_back(&standstill, body));
+            return match put {
+                Some(steps) => self.follow(now, &ids, in_a_row(steps), 1),
                 None => self.run_out(now, swarm, orders),
             };
-        };
+        }
         if self.counts.plans == 1 {
             self.counts.first_moves = u64::from(found.connections);
         }
-        self.follow(now, ids, found.steps, true);
+        self.follow(now, &ids, found.steps, found.searches);
     }
 
-    /// Carries the steps of a transport out, one after the other. `fills` says whether the last one ends in a seed.
-    fn follow(&mut self, now: Time, ids: &[ModuleId], steps: Vec<TransportStep>, fills: bool) {
-        let last = steps.len().saturating_sub(1);
-        let step = |(i, step): (usize, TransportStep)| {
+    /// Carries the steps of transports out, which took so many searches to plan.
+    fn follow(&mut self, now: Time, ids: &[ModuleId], steps: Vec<OrderedStep>, searches: usize) {
+        let step = |OrderedStep { step, after, fills }: OrderedStep| {
             let (id, TransportStep { from, to, .. }) = (ids[step.body], step);
             let turns = |posture, lands| Instruction::Move { mover: id, from, posture, lands };
             let instruction = match step.deed {
@@ -372,11 +401,11 @@ impl PlanExecution {
                 TransportDeed::Land(posture) => turns(posture, true),
                 TransportDeed::Handle(load) => Instruction::Handle { mover: id, from, load },
             };
-            let after = i.checked_sub(1).into_iter().collect();
-            Step { id, instruction, after, fills: fills && i == last, to, due: None, done: false }
+            Step { id, instruction, after, fills, to, due: None, done: false }
         };
-        self.steps = steps.into_iter().enumerate().map(step).collect();
-        self.stage = Stage::Planning(now + Span(TRANSPORT_WORK as u64 * 1_000_000_000 / PLANNING_RATE));
+        self.steps = steps.into_iter().map(step).collect();
+        let work = TRANSPORT_WORK as u64 * searches as u64;
+        self.stage = Stage::Planning(now + Span(work * 1_000_000_000 / PLANNING_RATE));
     }
 
     /// Lets metamodules in seeds grip the elements that face their heads.
@@ -461,4 +490,13 @@ impl PlanExecution {
             all.into_iter().for_each(|id| self.instruct(id, Instruction::Over, orders));
         }
     }
+}
+
+/// Returns steps that come one after the other.
+fn in_a_row(steps: Vec<TransportStep>) -> Vec<OrderedStep> {
+    let ordered = |(i, step): (usize, TransportStep)| {
+        let after = i.checked_sub(1).into_iter().collect();
+        OrderedStep { step, after, fills: false }
+    };
+    steps.into_iter().enumerate().map(ordered).collect()
 }

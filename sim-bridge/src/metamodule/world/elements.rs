@@ -1,9 +1,10 @@
 //! Passive elements in the world of metamodules: where they are, who holds them, and what is refused so that none falls.
 //!
-//! An element rests where it lay at the start, or latches of metamodules hold it. The last latch does not open, a closed
+//! An element rests, or latches of metamodules hold it. The last latch does not open, a closed
 //! chain of two holders does not turn, and no step exceeds the limits of torque. A latch needs no power: it stays closed
 //! when the process of its metamodule is gone.
 
+use super::drops::odd;
 use super::{Body, MetamoduleWorld, UnderWay};
 use crate::metamodule::invariants::{
     CLOSED_CHAIN, ELEMENT_COLOUR, ELEMENT_HELD, ELEMENT_SPACE, TORQUE, closed_chain, element_colour,
@@ -11,16 +12,47 @@ use crate::metamodule::invariants::{
 };
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::manipulation::colour::colour;
 use metamorph_protocol::metamodule::message::BodyAction;
+use metamorph_protocol::metamodule::params::Setup;
 use metamorph_protocol::metamodule::pose::{Load, Pose};
 use metamorph_protocol::time::Time;
+use std::hash::{Hash, Hasher};
 
 /// An element in the world.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct ElementBody {
     /// Its cells, sorted.
     pub cells: Vec<Cell>,
+    /// True if it rests there by itself.
+    pub rests: bool,
+    /// True from when it is dropped by a fault until it is gripped again.
+    pub fallen: bool,
+    /// The number of its cells of odd colour. Only a fall changes it.
+    pub odd: usize,
+}
+
+impl ElementBody {
+    /// Creates an element where it lies at the start.
+    pub fn new(start: &[Cell]) -> ElementBody {
+        ElementBody { cells: start.to_vec(), rests: true, fallen: false, odd: odd(start) }
+    }
+    /// Puts it into these cells, sorted.
+    pub fn set(&mut self, cells: Vec<Cell>, setup: &Setup) {
+        if self.cells != cells {
+            self.rests = setup.rests(&cells);
+            self.cells = cells;
+        }
+    }
+}
+
+/// What follows from the cells is left out.
+impl Hash for ElementBody {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.cells.hash(state);
+        if self.fallen {
+            self.fallen.hash(state);
+        }
+    }
 }
 
 impl MetamoduleWorld {
@@ -73,7 +105,7 @@ impl MetamoduleWorld {
         element.is_some_and(|element| self.holders(element).any(|other| other != id))
     }
     fn rests(&self, element: usize) -> bool {
-        self.setup.elements.all().get(element).is_some_and(|e| e.start == self.element(element))
+        self.elements.get(element).is_some_and(|e| e.rests)
     }
 
     /// Judges a step with an element: where it leads and the cells that it needs.
@@ -119,10 +151,21 @@ impl MetamoduleWorld {
         }
     }
 
+    /// Counts the elements that are held and not at a goal.
+    pub(super) fn note_under_way(&mut self) {
+        let is_held = |e: &usize| self.holders(*e).next().is_some();
+        let all = self.setup.elements.all().iter().enumerate();
+        let away = all.filter(|(e, passive)| passive.goals.iter().all(|goal| goal != self.element(*e)));
+        let under_way = away.filter(|(e, _)| is_held(e)).count() as u64;
+        self.deeds.under_way_at_most = self.deeds.under_way_at_most.max(under_way);
+    }
+
     /// Moves the element along with its holder.
     pub(super) fn carry_along(&mut self, id: ModuleId) {
         if let Some((element, cells)) = self.setup.held(self.bodies[id.index()].pose) {
-            self.elements[element].cells = cells;
+            self.elements[element].set(cells, &self.setup);
+            let was_fallen = std::mem::replace(&mut self.elements[element].fallen, false);
+            self.deeds.recovered += u64::from(was_fallen);
         }
     }
 
@@ -134,20 +177,19 @@ impl MetamoduleWorld {
     }
 
     fn check_element(&mut self, now: Time, element: usize) {
-        let (cells, passive) = (&self.elements[element].cells, &self.setup.elements.all()[element]);
+        let ElementBody { cells, rests: _, fallen, odd: expected } = &self.elements[element];
+        let passive = &self.setup.elements.all()[element];
         let holders: Vec<&Body> = self.holders(element).map(|id| &self.bodies[id.index()]).collect();
         let in_place = |of: &&Body| {
             let anchored = of.grips[of.pose.end as usize];
             anchored && self.setup.held(of.pose).is_some_and(|(_, held)| held == *cells)
         };
-        let rests = passive.start == *cells;
+        let rests = *fallen || (holders.is_empty() && self.setup.rests(cells));
         let held = element_held(&holders.iter().map(in_place).collect::<Vec<_>>(), rests);
         let turning =
             |of: &&&Body| of.under_way.as_ref().is_some_and(|u| matches!(u.deed, BodyAction::Turn(_)));
         let chain = closed_chain(holders.len(), holders.iter().filter(turning).count());
-        let odd = |cells: &[Cell]| cells.iter().filter(|c| colour(**c) == 1).count();
-        let colours = |cells: &[Cell]| (cells.len(), odd(cells));
-        let kept = element_colour(colours(&passive.start), colours(cells));
+        let kept = element_colour((passive.start.len(), *expected), (cells.len(), odd(cells)));
         let bodies = self.bodies.iter().flat_map(|b| b.cells);
         let others = self.elements.iter().enumerate().filter(|(e, _)| *e != element);
         let others = others.flat_map(|(_, e)| e.cells.iter().copied());
@@ -197,8 +239,8 @@ mod tests {
         let goal = vec![Cell::new(6, 6, 4)];
         let made = |setup: &Setup, start: Vec<Cell>| {
             let (shape, name) = ("cube".parse().unwrap(), "cube".to_owned());
-            let cube = PassiveElement { name, shape, grams, start, goal: goal.clone() };
-            Elements::new(setup.motions.database(), setup.kind(), vec![cube], &[head], limits).unwrap()
+            let cube = PassiveElement { name, shape, grams, start, goals: vec![goal.clone()] };
+            Elements::new(setup.motions.database(), setup.kind(), vec![cube], &[vec![head]], limits).unwrap()
         };
         setup.elements = made(&setup, goal.clone());
         let start = held(&setup, picking(&setup));

@@ -220,6 +220,12 @@ impl Dice {
         if self.once_in(4) {
             self.storm(modules, &mut faults);
         }
+        for element in 0..draft.swarm.elements() {
+            for _ in 0..self.pick(&[0, 0, 1, 3]) {
+                let at = self.within(0, 30_000) * 10;
+                faults.push(GeneratedFault { what: Break::Drop(element), at, until: None });
+            }
+        }
         faults
     }
 

@@ -84,6 +84,8 @@ pub enum Break {
     Partition(Vec<u32>),
     /// A foreign object is in a cell.
     Obstacle(Cell),
+    /// An element is dropped.
+    Drop(u16),
     /// An operator commands a module.
     Command(u32, Steering),
 }
@@ -98,6 +100,7 @@ impl Break {
             Break::Stick(_) => "stick",
             Break::Partition(_) => "partition",
             Break::Obstacle(_) => "obstacle",
+            Break::Drop(_) => "drop",
             Break::Command(..) => "command",
         }
     }
@@ -110,7 +113,7 @@ impl Break {
             | Break::Stick(id)
             | Break::Command(id, _) => std::slice::from_ref(id),
             Break::Partition(side) => side,
-            Break::Obstacle(_) => &[],
+            Break::Obstacle(_) | Break::Drop(_) => &[],
         }
     }
     /// Returns the same fault with module `other` instead of `of`.
@@ -125,6 +128,7 @@ impl Break {
             Break::Partition(side) if side.contains(&other) => self.clone(),
             Break::Partition(side) => Break::Partition(side.iter().map(one).collect()),
             Break::Obstacle(cell) => Break::Obstacle(*cell),
+            Break::Drop(element) => Break::Drop(*element),
         }
     }
     /// Returns the same fault after module `gone` is removed and later ones are renumbered; `None` if only
@@ -142,6 +146,7 @@ impl Break {
                 Break::Partition((!side.is_empty()).then_some(side)?)
             }
             Break::Obstacle(cell) => Break::Obstacle(*cell),
+            Break::Drop(element) => Break::Drop(*element),
         })
     }
 }
@@ -217,6 +222,7 @@ impl fmt::Display for GeneratedFault {
             Break::Pause(id) => write!(f, "pause = {id}\nfrom = \"{at}\"\n{end}"),
             Break::Stick(id) => write!(f, "stick = {id}\nat = \"{at}\"\n{end}"),
             Break::Obstacle(cell) => write!(f, "obstacle = {}\nat = \"{at}\"\n{end}", cells(&[*cell])),
+            Break::Drop(element) => writeln!(f, "drop = {element}\nat = \"{at}\""),
             // Written above.
             Break::Command(..) => Ok(()),
             Break::Partition(side) => {

@@ -35,12 +35,28 @@ pub struct RawElement {
     shape: At<Shape>,
     grams: u32,
     at: At<Lying>,
-    to: At<Lying>,
+    to: At<Goals>,
 }
 
 /// A shape, by name or by its cells.
 #[derive(Clone, Debug)]
 struct Shape(Element);
+
+/// The places of an element at the goals of the swarm: one for all, or one for each.
+#[derive(Clone, Debug)]
+struct Goals(Vec<Lying>);
+
+impl Read for Goals {
+    fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Goals> {
+        match node.get_ref() {
+            DeValue::Array(all) => {
+                let all: Option<Vec<Lying>> = all.iter().map(|one| Lying::read(one, diagnostics)).collect();
+                all.filter(|all| !all.is_empty()).map(Goals)
+            }
+            _ => Lying::read(node, diagnostics).map(|one| Goals(vec![one])),
+        }
+    }
+}
 
 /// The place of an element: where its cell (0, 0, 0) is, and how it is turned.
 #[derive(Clone, Copy, Debug)]
@@ -160,34 +176,42 @@ pub fn checked(
     if around.strategy != Strategy::Planned {
         diagnostics.add(first.place.clone(), MetamoduleError::ElementStrategy(around.strategy.name()));
     }
-    if around.goals.len() != 1 {
-        diagnostics.add(first.place.clone(), MetamoduleError::ElementGoals(around.goals.len()));
-    }
-    let heads = heads(around);
-    let seeds: Vec<Cell> = around.goals.iter().flat_map(|g| g.seeds()).flat_map(|s| s.cells()).collect();
-    let (mut starts, mut ends) = (Vec::new(), seeds);
+    let heads: Vec<Vec<Pose>> = around.goals.iter().map(|goal| heads(goal, around)).collect();
+    let seeds = |goal: &Blueprint| goal.seeds().iter().flat_map(|s| s.cells()).collect::<Vec<Cell>>();
+    let mut starts: Vec<Cell> = Vec::new();
+    let mut ends: Vec<Vec<Cell>> = around.goals.iter().map(seeds).collect();
     let mut all = Vec::new();
     for element in raw {
         let shape = &element.shape.value.0;
-        let (start, goal) = (element.at.value.cells(shape), element.to.value.cells(shape));
+        let start = element.at.value.cells(shape);
+        let goals: Vec<Vec<Cell>> = element.to.value.0.iter().map(|to| to.cells(shape)).collect();
         let name = || element.name.clone();
         let mut complain = |place: &Place, error| diagnostics.add(place.clone(), error);
+        if goals.len() != 1 && goals.len() != ends.len() {
+            let (places, goals) = (goals.len(), ends.len());
+            complain(&element.to.place, MetamoduleError::ElementGoals { places, goals });
+        }
         if let Some(cell) = start.iter().find(|c| starts.contains(*c)) {
             complain(&element.at.place, MetamoduleError::ElementOverlap { name: name(), cell: *cell });
         }
-        if let Some(cell) = goal.iter().find(|c| ends.contains(*c)) {
-            complain(&element.to.place, MetamoduleError::ElementOverlap { name: name(), cell: *cell });
-        }
-        for (cells, place) in [(&start, &element.at.place), (&goal, &element.to.place)] {
-            if let Some(cell) = cells.iter().find(|c| c.z < 0) {
-                complain(place, MetamoduleError::ElementBelowFloor { name: name(), cell: *cell });
+        for (goal, taken) in goals.iter().cycle().zip(&ends) {
+            if let Some(cell) = goal.iter().find(|c| taken.contains(*c)) {
+                complain(&element.to.place, MetamoduleError::ElementOverlap { name: name(), cell: *cell });
             }
+        }
+        for cells in &goals {
+            if let Some(cell) = cells.iter().find(|c| c.z < 0) {
+                complain(&element.to.place, MetamoduleError::ElementBelowFloor { name: name(), cell: *cell });
+            }
+            if colours_differ(&start, cells) {
+                complain(&element.to.place, MetamoduleError::ElementColour(name()));
+            }
+        }
+        if let Some(cell) = start.iter().find(|c| c.z < 0) {
+            complain(&element.at.place, MetamoduleError::ElementBelowFloor { name: name(), cell: *cell });
         }
         if !rests(&start, |c| around.floor.has(c.x, c.y)) {
             complain(&element.at.place, MetamoduleError::ElementNoRest(name()));
-        }
-        if colours_differ(&start, &goal) {
-            complain(&element.to.place, MetamoduleError::ElementColour(name()));
         }
         let side = |of: fn(&Cell) -> i16| {
             let values = shape.cells().iter().map(of);
@@ -199,25 +223,32 @@ pub fn checked(
             complain(&element.place, MetamoduleError::ElementRange { name: name(), needed });
         }
         starts.extend(&start);
-        ends.extend(&goal);
-        all.push(PassiveElement { name: name(), shape: shape.clone(), grams: element.grams, start, goal });
+        ends.iter_mut().zip(goals.iter().cycle()).for_each(|(ends, goal)| ends.extend(goal));
+        all.push(PassiveElement { name: name(), shape: shape.clone(), grams: element.grams, start, goals });
     }
     if !diagnostics.is_empty() {
         return None;
     }
     let made = Elements::new(around.motions.database(), around.motions.kind(), all, &heads, Limits::NOMINAL);
     let made = diagnostics.note(&first.place, made.map_err(MetamoduleError::from))?;
-    for (i, element) in raw.iter().enumerate().filter(|(i, _)| made.loads_of(*i).is_empty()) {
-        let name = made.all()[i].name.clone();
-        diagnostics.add(element.to.place.clone(), MetamoduleError::ElementNoHead(name));
+    for (i, element) in raw.iter().enumerate() {
+        let goals = 0..around.goals.len() as u8;
+        let is_up = |goal: &u8| {
+            let cells = made.all()[i].goal(*goal);
+            made.lies(i, *goal) && !rests(cells, |c| around.floor.has(c.x, c.y))
+        };
+        if goals.clone().any(|goal| is_up(&goal)) {
+            let name = made.all()[i].name.clone();
+            diagnostics.add(element.to.place.clone(), MetamoduleError::ElementNoHead(name));
+        }
     }
     Some(made)
 }
 
-/// Returns the poses in which metamodules fill seeds.
-fn heads(around: &Surroundings<'_>) -> Vec<Pose> {
+/// Returns the poses in which metamodules fill the seeds of a goal.
+fn heads(goal: &Blueprint, around: &Surroundings<'_>) -> Vec<Pose> {
     let mut poses = Vec::new();
-    for seed in around.goals.iter().flat_map(Blueprint::seeds) {
+    for seed in goal.seeds() {
         for class in 0..4 {
             let state = GridState::new(seed.foot.0, seed.foot.1, class);
             let chain = around.motions.chain_of(seed.cells().map(|c| to_frame(state, c)));

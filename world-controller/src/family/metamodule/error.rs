@@ -130,7 +130,9 @@ pub enum MetamoduleError {
     )]
     ElementColour(String),
     /// No seed holds the element at its goal.
-    #[error("no metamodule in a seed holds {0} at its goal: no head faces one of its ports")]
+    #[error(
+        "no metamodule in a seed holds {0} at its goal: no head faces one of its ports, and it does not lie on the floor"
+    )]
     ElementNoHead(String),
     /// Metamodules that carry might not hear each other.
     #[error("two metamodules may meet with {name} before they hear each other")]
@@ -143,9 +145,14 @@ pub enum MetamoduleError {
     /// Elements with a strategy that does not carry.
     #[error("metamodules do not carry elements under `{0}`")]
     ElementStrategy(&'static str),
-    /// Elements with several goals.
-    #[error("a scenario with elements has one goal, this one has {0}")]
-    ElementGoals(usize),
+    /// As many places as goals are needed.
+    #[error("the element has {places} places for {goals} goals")]
+    ElementGoals {
+        /// The places.
+        places: usize,
+        /// The goals.
+        goals: usize,
+    },
     /// Goals not sorted by time.
     #[error("this goal replaces the previous one at {at}, but that one starts at {before}")]
     GoalOrder {
@@ -197,13 +204,13 @@ impl MetamoduleError {
             MetamoduleError::ElementNoRest(_) => "put it on the floor, its bottom in layer 0".into(),
             MetamoduleError::ElementColour(_) => "move its goal, or its start, by one cell".into(),
             MetamoduleError::ElementNoHead(_) => {
-                "put its goal next to the head of a seed, or add a seed".into()
+                "put its goal next to the head of a seed or on the floor, or add a seed".into()
             }
             MetamoduleError::ElementRange { needed, .. } => {
                 format!("set `communication_range` in [swarm] to at least {needed}")
             }
             MetamoduleError::ElementStrategy(_) => "write `strategy = \"planned\"` in [protocol]".into(),
-            MetamoduleError::ElementGoals(_) => "leave the elements or the later goals out".into(),
+            MetamoduleError::ElementGoals { .. } => "list one place for each goal, or one for all".into(),
             MetamoduleError::GoalOrder { .. } => "list the goals in the order of their times".into(),
         }
     }

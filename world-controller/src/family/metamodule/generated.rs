@@ -79,6 +79,9 @@ impl GeneratedSwarm for GeneratedMetamodules {
         let (x, y) = (along(), along());
         Some(Cell::new(x, y, dice.0.below(4) as i16))
     }
+    fn elements(&self) -> u16 {
+        u16::from(self.element.is_some())
+    }
     fn write(&self, f: &mut fmt::Formatter<'_>, failed: u8) -> fmt::Result {
         let last = self.side - 1;
         writeln!(f, "family = \"metamodule\"\nkind = \"{}\"", self.kind.name())?;

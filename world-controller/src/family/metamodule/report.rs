@@ -59,6 +59,18 @@ pub struct ElementsReport {
     pub drops_prevented: u64,
     /// Refusals of steps over the limits of torque.
     pub overloads_prevented: u64,
+    /// Elements dropped by a fault.
+    #[serde(default)]
+    pub drops: u64,
+    /// Of these, those that fell on a metamodule.
+    #[serde(default)]
+    pub drops_on_bodies: u64,
+    /// Dropped elements that were picked up again.
+    #[serde(default)]
+    pub drops_recovered: u64,
+    /// The largest number of elements that were on their way at a time: held, and not at their goals.
+    #[serde(default)]
+    pub under_way_at_most: u64,
 }
 
 /// An element that cannot be moved.
@@ -181,8 +193,12 @@ fn elements_text(e: &ElementsReport) -> String {
             format!("; {} and {} prevented", many(drops, "drop"), many(overloads, "overload"))
         }
     };
+    let dropped = match e.drops {
+        0 => String::new(),
+        n => format!("; {} dropped, {} picked up again", count(n), count(e.drops_recovered)),
+    };
     format!(
-        "{} of {} placed; {}, {}, {}{}{blocked}{prevented}",
+        "{} of {} placed; {}, {}, {}{}{blocked}{prevented}{dropped}",
         count(e.placed),
         count(all),
         many(e.grips, "grip"),

@@ -25,8 +25,8 @@ fn elements_report(
     director: &MetamoduleDirector,
     world: &MetamoduleWorld,
 ) -> Option<ElementsReport> {
-    let (all, deeds) = (setup.elements.all(), world.deeds());
-    let placed = all.iter().enumerate().filter(|(e, element)| world.element(*e) == element.goal).count();
+    let (all, deeds, goal) = (setup.elements.all(), world.deeds(), director.task().goal);
+    let placed = all.iter().enumerate().filter(|(e, of)| world.element(*e) == of.goal(goal)).count();
     let pinned: Vec<PinnedReport> = director
         .pinned(world)
         .into_iter()
@@ -48,6 +48,10 @@ fn elements_report(
         carries: deeds.carries,
         drops_prevented: deeds.drops_prevented,
         overloads_prevented: deeds.overloads_prevented,
+        drops: deeds.drops,
+        drops_on_bodies: deeds.drops_on_bodies,
+        drops_recovered: deeds.recovered,
+        under_way_at_most: deeds.under_way_at_most,
     })
 }
 

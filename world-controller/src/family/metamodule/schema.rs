@@ -140,7 +140,7 @@ fn definitions() -> Vec<(&'static str, Value)> {
         (
             "element",
             table(
-                "A passive element: where it lies at the start, and where metamodules in seeds hold it in the end.",
+                "A passive element: where it lies at the start, and where it lies or metamodules in seeds hold it in the end.",
                 &["shape", "at", "to"],
                 json!({
                     "name": said("If left out, `element 1` and so on.", text()),
@@ -150,7 +150,9 @@ fn definitions() -> Vec<(&'static str, Value)> {
                     ),
                     "mass": said("In kilograms.", or(MASS, json!({ "type": "number", "exclusiveMinimum": 0, "maximum": MAX_GRAMS / 1000 }))),
                     "at": said("Its place at the start.", of("lying")),
-                    "to": said("Its goal.", of("lying")),
+                    "to": said("Its goal; with several goals of the swarm one for all, or one for each.", json!({
+                        "anyOf": [of("lying"), { "type": "array", "minItems": 1, "items": of("lying") }]
+                    })),
                 }),
             ),
         ),

@@ -108,6 +108,7 @@ impl Extent {
                     Meaning::Nothing => self.without = true,
                 },
                 Owner::Obstacle(_) => drop(self.states.insert(State::Obstacle)),
+                Owner::Element(_, hold) => drop(self.states.insert(hold.into())),
                 Owner::Goal(_) => {}
             }
         }
@@ -166,7 +167,10 @@ impl Subject<'_> {
         let parts = parts.filter(|(_, part)| keeps(part.cell()));
         let mut solids: Vec<Solid> = parts.map(|(id, part)| of_part(&self.view, id, part, &filled)).collect();
         let obstacles = snapshot.obstacles.iter().filter(|cell| keeps(**cell));
-        solids.extend(obstacles.map(|cell| of_cell(&self.view, Owner::Obstacle(*cell), *cell, &filled)));
+        solids.extend(obstacles.map(|cell| {
+            let owner = snapshot.elements.get(cell).map(|hold| Owner::Element(*cell, *hold));
+            of_cell(&self.view, owner.unwrap_or(Owner::Obstacle(*cell)), *cell, &filled)
+        }));
         let modules: BTreeSet<u32> = solids
             .iter()
             .filter_map(|s| match s.owner {

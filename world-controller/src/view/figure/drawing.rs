@@ -150,6 +150,9 @@ impl Subject<'_> {
                     1.0,
                     None,
                 ),
+                Owner::Element(cell, hold) => {
+                    (cell_name("element", cell), Vec::new(), self.style.theme.state(hold.into()), 1.0, None)
+                }
                 Owner::Goal(cell) => {
                     (cell_name("goal", cell), Vec::new(), self.style.theme.plain(), 0.35, None)
                 }
@@ -175,7 +178,7 @@ impl Subject<'_> {
             Labels::Ids => {
                 let owner = |i: &usize| match composition.solids[*i].owner {
                     Owner::Module(id) => Some((id.0, *i)),
-                    Owner::Obstacle(_) | Owner::Goal(_) => None,
+                    Owner::Obstacle(_) | Owner::Element(..) | Owner::Goal(_) => None,
                 };
                 composition.order.iter().filter_map(owner).collect()
             }
@@ -258,7 +261,14 @@ pub fn sign(picture: &mut Picture, state: State, middle: At, [u, v]: [At; 2], wi
         State::Dead => vec![[at(-0.25, -0.25), at(0.25, 0.25)], [at(-0.25, 0.25), at(0.25, -0.25)]],
         State::Paused => vec![[at(-0.13, -0.25), at(-0.13, 0.25)], [at(0.13, -0.25), at(0.13, 0.25)]],
         State::Waiting => vec![[at(-0.22, 0.0), at(-0.2, 0.0)], [at(0.2, 0.0), at(0.22, 0.0)]],
-        State::Done | State::Active | State::Idle | State::Obstacle => return,
+        State::Fallen => vec![[at(-0.2, 0.2), at(0.2, 0.2)]],
+        State::Done
+        | State::Active
+        | State::Idle
+        | State::Obstacle
+        | State::Resting
+        | State::Held
+        | State::Shared => return,
     };
     let stroke = Some(Stroke::solid(on(fill), width));
     let pieces = lines.into_iter().map(|line| (line.into(), false)).collect();

@@ -96,6 +96,10 @@ fn entries(subject: &Subject<'_>, extent: &Extent) -> Vec<Entry> {
             State::Paused => "paused",
             State::Dead => "dead",
             State::Obstacle => "obstacle",
+            State::Resting => "element",
+            State::Held => "element, held",
+            State::Shared => "element, held by several",
+            State::Fallen => "element, fallen",
         };
         Entry::Patch(theme.state(*state), Some(*state), text.to_owned())
     }));

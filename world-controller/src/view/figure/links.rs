@@ -70,7 +70,7 @@ impl Subject<'_> {
             .iter()
             .filter_map(|solid| match solid.owner {
                 Owner::Module(id) => Some((id, snapshot.bodies.get(id.index())?.middle())),
-                Owner::Obstacle(_) | Owner::Goal(_) => None,
+                Owner::Obstacle(_) | Owner::Element(..) | Owner::Goal(_) => None,
             })
             .collect();
         let link = |kind: LinkKind, from: ModuleId, to: ModuleId| {

@@ -1,6 +1,7 @@
 //! Colours of figures: those of Okabe and Ito for states, which readers with any colour vision tell apart, and
 //! scales of even lightness for numbers.
 
+use crate::view::elements::Hold;
 use crate::view::visible;
 use clap::ValueEnum;
 use metamorph_protocol::counters::Class;
@@ -69,6 +70,25 @@ pub enum State {
     Dead,
     /// Not a module: a foreign object.
     Obstacle,
+    /// A passive element that rests.
+    Resting,
+    /// A passive element that one module holds.
+    Held,
+    /// A passive element that several modules hold.
+    Shared,
+    /// A passive element that has fallen.
+    Fallen,
+}
+
+impl From<Hold> for State {
+    fn from(hold: Hold) -> State {
+        match hold {
+            Hold::Rests => State::Resting,
+            Hold::Held => State::Held,
+            Hold::Shared => State::Shared,
+            Hold::Fallen => State::Fallen,
+        }
+    }
 }
 
 impl From<visible::Colour> for State {
@@ -131,6 +151,10 @@ impl Theme {
                 State::Paused => 0x9a,
                 State::Dead => 0x2b,
                 State::Obstacle => 0x48,
+                State::Resting => 0xd6,
+                State::Held => 0xba,
+                State::Shared => 0x84,
+                State::Fallen => 0x10,
             };
             return Rgb(grey, grey, grey);
         }
@@ -142,6 +166,10 @@ impl Theme {
             State::Paused => Rgb(0xcc, 0x79, 0xa7),
             State::Dead => Rgb(0x2b, 0x2b, 0x2b),
             State::Obstacle => Rgb(0x7d, 0x74, 0x68),
+            State::Resting => Rgb(0xe3, 0xc9, 0x9b),
+            State::Held => Rgb(0xb9, 0x86, 0x4b),
+            State::Shared => Rgb(0x8a, 0x5a, 0x2b),
+            State::Fallen => Rgb(0xb0, 0x1e, 0x28),
         }
     }
     /// Returns a colour for a member of a set.
@@ -209,6 +237,10 @@ mod tests {
             State::Paused,
             State::Dead,
             State::Obstacle,
+            State::Resting,
+            State::Held,
+            State::Shared,
+            State::Fallen,
         ];
         for theme in Theme::value_variants() {
             for (i, a) in states.iter().enumerate() {

@@ -2,6 +2,7 @@
 
 use crate::report::message_timeline::{Edge, FAR};
 use crate::view::bodies::ShownSwarm;
+use crate::view::elements::Hold;
 use crate::view::parts::{Motion, Part};
 use crate::view::scene::{Event, Scene};
 use crate::view::visible::ModuleView;
@@ -44,6 +45,8 @@ pub struct Snapshot {
     pub bodies: Vec<Body>,
     /// The cells with a foreign object in them.
     pub obstacles: Vec<Cell>,
+    /// Of these, the cells of passive elements.
+    pub elements: BTreeMap<Cell, Hold>,
     /// The cells of the goal with their levels, in the goal's order.
     pub goal: Vec<(Cell, u16)>,
     /// The distance of each module to a target, in moves; `None` if it knows of none.
@@ -93,6 +96,7 @@ pub struct Playback<'s> {
     motions: Vec<&'s Motion>,
     courses: Vec<Course>,
     obstacles: Vec<Cell>,
+    elements: BTreeMap<Cell, Hold>,
     goal: (u16, (i16, i16)),
     bin: usize,
     messages: Vec<u64>,
@@ -110,6 +114,7 @@ impl<'s> Playback<'s> {
             messages: vec![0; courses.len()],
             courses,
             obstacles: Vec::new(),
+            elements: BTreeMap::new(),
             goal: (0, (0, 0)),
             bin: 0,
         }
@@ -140,6 +145,7 @@ impl<'s> Playback<'s> {
             at,
             bodies: self.courses.iter().map(|course| self.body(course, at)).collect(),
             obstacles: self.obstacles.clone(),
+            elements: self.elements.clone(),
             goal: self.goal_cells(),
             gradient: (0..self.courses.len()).map(gradient).collect(),
             messages: self.messages.clone(),
@@ -165,6 +171,10 @@ impl<'s> Playback<'s> {
             Event::Started(id) | Event::Resumed(id) => self.of(*id, |course| course.process = Process::Alive),
             Event::Paused(id) => self.of(*id, |course| course.process = Process::Paused),
             Event::Obstacles(cells) => self.obstacles.clone_from(cells),
+            Event::Elements(all) => {
+                let cells = all.iter().flat_map(|e| e.cells.iter().map(move |cell| (*cell, e.hold)));
+                self.elements = cells.collect();
+            }
             Event::Goal(goal, shift) => self.goal = (*goal, *shift),
             Event::Motion(_) | Event::Injected(..) => {}
         }

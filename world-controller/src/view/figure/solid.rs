@@ -3,6 +3,7 @@
 //! Faces turned away from the eye are left out, and so are those between two drawn cells.
 
 use super::camera::{P, V, View, dot};
+use crate::view::elements::Hold;
 use crate::view::parts::{Part, Shape, Tone, centre};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::{Cell, Face};
@@ -32,6 +33,8 @@ pub enum Owner {
     Module(ModuleId),
     /// A foreign object in a cell.
     Obstacle(Cell),
+    /// A cell of a passive element, and how that is held.
+    Element(Cell, Hold),
     /// A cell of the goal that nothing fills.
     Goal(Cell),
 }

@@ -17,6 +17,7 @@ use crate::coverage::{CoveragePoint, hit};
 use crate::defects::Defect;
 use crate::digest::Portable;
 use crate::ids::ModuleId;
+use crate::lattice::Cell;
 use crate::metamodule::blueprint::SeedSet;
 use crate::metamodule::message::{Directive, Instruction, Message};
 use crate::metamodule::params::Setup;
@@ -297,7 +298,9 @@ pub(super) fn own_move(scene: &Scene<'_>, instruction: Instruction) -> Option<Pl
     }
     let after = Pose { posture, ..pose };
     // With an element it settles only where the element is at its goal: a step earlier may fill the seed as well.
-    let is_placed = v.setup.held(after).is_none_or(|(element, cells)| is_at_goal(v.setup, element, &cells));
+    let goal = v.own.task.goal;
+    let is_placed = |(element, cells): (usize, Vec<Cell>)| is_at_goal(v.setup, goal, element, &cells);
+    let is_placed = v.setup.held(after).is_none_or(is_placed);
     let fills = v.seed_filled_in(after).filter(|s| v.open().has(*s) && is_placed);
     let aim = match fills {
         _ if lands => Aim::Land,

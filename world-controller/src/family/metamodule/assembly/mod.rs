@@ -15,12 +15,12 @@ use metamorph_protocol::manipulation::structure::assembly::{
     StructureAnswer, plan_as_thesis, plan_structure,
 };
 use metamorph_protocol::manipulation::structure::isolation::{ThesisOrder, thesis_order};
-use metamorph_protocol::manipulation::structure::{Grips, Part, Seat, Site, Structure};
-use metamorph_protocol::manipulation::terrain::Terrain;
+use metamorph_protocol::manipulation::structure::{Grips, Structure};
 use metamorph_protocol::manipulation::walking::Body;
 use metamorph_protocol::metamodule::blueprint::Task;
+use metamorph_protocol::metamodule::planning::bundles;
 use metamorph_protocol::metamodule::planning::transport::foot;
-use std::sync::Arc;
+use metamorph_protocol::plan::and_or::Items;
 
 /// What was planned, for the document and the text.
 struct Planned<'a> {
@@ -63,29 +63,15 @@ pub fn assembly(plan: &Plan, planner: Planner) -> Result<AssemblyDocument, PlanE
     let settled =
         first.as_ref().is_some_and(|p| is_thesis || !matches!(p.answer, StructureAnswer::Undecided(_)));
     let found = if settled { first } else { planned(Grips::All) };
-    // Invariant: elements and seeds of a scenario are fewer than the items of a structure.
-    let found = found.expect("invariant: a scenario with elements is a structure");
-    Ok(document(&found))
+    let fix = format!("leave some out: a structure has at most {} of both", Items::MAX);
+    found
+        .map(|found| document(&found))
+        .ok_or_else(|| PlanError::option("SCENARIO", "the scenario has too many seeds and elements", fix))
 }
 
 /// Returns the structure of a scenario, and where its metamodules stand at the start.
 fn structure(swarm: &Metamodules, grips: Grips) -> Option<(Structure, Vec<Body>)> {
-    let setup = &swarm.setup;
-    let site = Site {
-        database: Arc::clone(setup.motions.database()),
-        kind: setup.kind(),
-        floor: Terrain::rectangle(setup.floor.min, setup.floor.max),
-        limits: setup.elements.limits(),
-    };
-    let seats: Vec<Seat> = setup.seeds(Task::default()).map(|(_, seed)| seed.cells()).collect();
-    let part = |element: &metamorph_protocol::metamodule::elements::PassiveElement| Part {
-        shape: element.shape.clone(),
-        grams: element.grams,
-        start: element.start.clone(),
-        goal: element.goal.clone(),
-    };
-    let parts = setup.elements.all().iter().map(part).collect();
-    let structure = Structure::new(site, seats, parts, grips)?;
+    let structure = bundles::structure(&swarm.setup, Task::default(), grips)?;
     let body = |pose: &metamorph_protocol::metamodule::pose::Pose| {
         Some(Body { foothold: structure.foothold(foot(*pose))?, posture: pose.posture })
     };

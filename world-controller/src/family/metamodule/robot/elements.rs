@@ -5,7 +5,6 @@ use crate::console::format::count;
 use clap::Args;
 use metamorph_protocol::lattice::Face;
 use metamorph_protocol::manipulation::carry::CarryTable;
-use metamorph_protocol::manipulation::colour::{ACTIONS, RandomWalks};
 use metamorph_protocol::manipulation::element::Element;
 use metamorph_protocol::manipulation::handover::HandoverTable;
 use metamorph_protocol::manipulation::load::{Limits, LoadTable, MAX_GRAMS};
@@ -38,17 +37,7 @@ pub struct HandoverArgs {
     kind: Kind,
 }
 
-#[derive(Args, Clone, Debug)]
-pub struct ColourArgs {
-    /// Random walks with lattice angles
-    #[arg(long, required = true)]
-    lattice: bool,
-    /// Number of walks
-    #[arg(long, default_value_t = 1_000_000, value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
-    walks: u64,
-}
-
-fn metamodule(text: &str) -> Result<Kind, String> {
+pub(super) fn metamodule(text: &str) -> Result<Kind, String> {
     match text.parse() {
         Ok(Kind::Single) => {
             Err("a single module carries nothing; write one of PAR, SRS, PER, SRZ".to_owned())
@@ -66,7 +55,7 @@ fn grams(text: &str) -> Result<u32, String> {
     }
 }
 
-fn element(name: &str) -> Result<Element, RobotError> {
+pub(super) fn element(name: &str) -> Result<Element, RobotError> {
     name.parse().map_err(|e| RobotError::Usage(format!("--element: {e}")))
 }
 
@@ -144,28 +133,6 @@ pub fn handover(database: &Database, args: &HandoverArgs) -> Result<Answer, Robo
     Ok(Answer::new(text, json))
 }
 
-/// Looks for a change of colour in random walks. One is a failure.
-pub fn colour(args: &ColourArgs) -> Result<Answer, RobotError> {
-    let names = ["cube", "bar2", "L3", "plate3x3"];
-    let mut walks = Vec::new();
-    for name in names {
-        let element = element(name)?;
-        walks.extend(Kind::METAMODULES.map(|kind| RandomWalks::new(kind, element.clone())));
-    }
-    let changes: usize = (0..args.walks).map(|seed| walks[seed as usize % walks.len()].changes(seed)).sum();
-    let text = format!(
-        "{} random walks of {ACTIONS} actions by all kinds with {}: {changes} cells changed colour\n",
-        count(args.walks),
-        names.join(", ")
-    );
-    let json = json!({ "walks": args.walks, "actions": ACTIONS, "elements": names, "changes": changes });
-    let mut answer = Answer::new(text, json);
-    if changes > 0 {
-        answer.failure = Some(RobotError::Colour(changes));
-    }
-    Ok(answer)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -181,8 +148,6 @@ mod tests {
         assert_eq!(json["lowest_cell_height"], json!([242, 312, 204, 80, 16]));
         assert!(ask("bar3", None).unwrap().text.contains("1.4  514"));
         assert!(matches!(ask("ball", None), Err(RobotError::Usage(text)) if text.contains("plateNxM")));
-        let walks = colour(&ColourArgs { lattice: true, walks: 1000 }).unwrap();
-        assert!(walks.failure.is_none() && walks.text.contains(": 0 cells"), "{}", walks.text);
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //!
 //! Answers are written as text, or as one JSON value with `--json`. Not here: running a swarm.
 
+mod colour;
 mod elements;
 mod motions;
 mod order;
@@ -54,9 +55,9 @@ enum RobotCommand {
     /// The pairs of postures in which one metamodule hands a cube to another
     #[command(after_help = "Example: metamorph robot handover SRS --json")]
     Handover(elements::HandoverArgs),
-    /// Random walks that look for a change of the colour (x + y + z) mod 2 of a carried cell
+    /// Changes of the colour (x + y + z) mod 2 of a carried cell: none on the lattice, and plans off it
     #[command(after_help = "Example: metamorph robot colour --lattice --walks 10000")]
-    Colour(elements::ColourArgs),
+    Colour(colour::ColourArgs),
     /// Pose of the head: forward kinematics
     Fk(poses::FkArgs),
     /// Joint angles for a pose of the head: inverse kinematics
@@ -151,7 +152,7 @@ pub fn run_to(args: RobotArgs, out: &mut dyn Write) -> Result<(), RobotError> {
         RobotCommand::Order(order) => order::order(&order)?,
         RobotCommand::Carry(carry) => elements::carry(&database(), &carry)?,
         RobotCommand::Handover(handover) => elements::handover(&database(), &handover)?,
-        RobotCommand::Colour(colour) => elements::colour(&colour)?,
+        RobotCommand::Colour(colour) => colour::colour(database, &colour)?,
         RobotCommand::Fk(fk) => poses::fk(&fk)?,
         RobotCommand::Ik(ik) => poses::ik(&ik)?,
         RobotCommand::Svg(svg) => svg::answer(&svg)?,
