@@ -52,7 +52,7 @@ pub struct Change {
 fn cells(height: i16, is_other: bool) -> impl Iterator<Item = Cell> {
     let side = -REACH..=REACH;
     let all = side.clone().flat_map(move |x| side.clone().map(move |y| Cell::new(x, y, height)));
-    all.filter(move |c| c.manhattan(Cell::default()) <= REACH as u32 && (colour(*c) == 1) == is_other)
+    all.filter(move |c| (colour(*c) == 1) == is_other)
 }
 
 /// Counts the grips of a cube of so many grams.

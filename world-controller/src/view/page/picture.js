@@ -101,6 +101,7 @@ export class Picture {
     for (const name of ["paper", "sky", "edge", "mark", "ghost", "foreign", "chosen", "wait", "bad", "floor", "line"]) {
       this.colour[name] = read(`--${name}`);
     }
+    for (const hold of ["rests", "held", "shared", "fallen"]) this.colour[hold] = read(`--element-${hold}`);
     this.classColours = this.story.scene.classes.map((name) => read(`--c-${name}`));
     this.dark = style.getPropertyValue("--dark").trim() === "1";
   }
@@ -210,11 +211,13 @@ export class Picture {
     }
   }
 
-  /** Adds obstacles, and the cells of the goal that nothing is in. */
+  /** Adds obstacles and passive elements, and the cells of the goal that nothing is in. */
   addCells(t, { options, now, shift, keeps, sections, taken }) {
     const { colour } = this;
+    const held = this.story.elementsAt(t);
     for (const cell of this.story.obstaclesAt(t).filter(keeps)) {
-      this.foreign.parts.part(resting(cell), 0, 0.9, colour.foreign, PATTERN.plain, colour.edge);
+      const body = colour[held.get(String(cell))] ?? colour.foreign;
+      this.foreign.parts.part(resting(cell), 0, 0.9, body, PATTERN.plain, colour.edge);
     }
     if (!options.goal) return;
     // Within a structure that is cut, too.

@@ -37,6 +37,7 @@ export class Story {
     this.faults = [];
     this.deaths = [];
     this.obstacles = [];
+    this.elements = [];
     this.goalsOpened = [];
     this.motions = [];
     this.moments = [];
@@ -169,6 +170,9 @@ export class Story {
       case "o":
         this.obstacles.push({ t, cells: event[2] });
         break;
+      case "e":
+        this.elements.push({ t, all: event[2] });
+        break;
       case "g":
         this.goalsOpened.push({ t, goal: event[2], shift: event[3] });
         break;
@@ -253,6 +257,13 @@ export class Story {
   goalAt(t) {
     const i = before(this.goalsOpened, t);
     return i < 0 ? { goal: 0, shift: [0, 0] } : this.goalsOpened[i];
+  }
+
+  /** Returns how each cell of a passive element is held, by the name of the cell. */
+  elementsAt(t) {
+    const i = before(this.elements, t);
+    const all = i < 0 ? [] : this.elements[i].all;
+    return new Map(all.flatMap(([hold, cells]) => cells.map((cell) => [String(cell), hold])));
   }
 
   obstaclesAt(t) {
