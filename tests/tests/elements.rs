@@ -130,7 +130,7 @@ fn a_dead_module_is_carried_away_and_put_down() {
 #[test]
 fn the_parts_of_a_table_become_a_shelf() {
     let elements = shipped("table-to-shelf.toml");
-    assert!(elements.placed == 1 && elements.grips > 6, "{elements:?}");
+    assert!(elements.placed == 1 && elements.grips >= 6, "{elements:?}");
 }
 
 /// Cubes that are far from each other are carried at the same time.
