@@ -251,7 +251,7 @@ impl Metamodule {
             self.phase = idle(Time::NEVER);
         } else if now < self.own.quarantine_until {
             self.phase = idle(self.own.quarantine_until);
-        } else if let Some(seed) = v.seed_filled_in(self.own.pose).filter(|s| self.own.filled.has(*s)) {
+        } else if let Some(seed) = v.settles_in(self.own.pose).filter(|s| self.own.filled.has(*s)) {
             // It is known to be filled, and no other one can be in its cells: an earlier incarnation did it.
             hit(CoveragePoint::MetaEarlierLifeSettled);
             self.own.settled = Some(seed);
@@ -314,7 +314,7 @@ impl Metamodule {
         own.steered.take_if(|s| matches!(s.steering, Steering::Take(_)));
         self.with_policy(now, |policy, cx| policy.on_task(cx));
         let was_settled = self.own.settled.take().is_some();
-        let settled = self.view(now).seed_filled_in(self.own.pose).filter(|_| was_settled);
+        let settled = self.view(now).settles_in(self.own.pose).filter(|_| was_settled);
         if let Some(seed) = settled {
             self.own.settled = settled;
             hit(CoveragePoint::MetaStaysForNewTask);

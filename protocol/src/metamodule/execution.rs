@@ -115,7 +115,7 @@ impl Metamodule {
 
     fn settle(&mut self, now: Time) {
         // The task may have changed on the way.
-        if let Some(seed) = self.view(now).seed_filled_in(self.own.pose) {
+        if let Some(seed) = self.view(now).settles_in(self.own.pose) {
             (self.own.settled, self.own.steered) = (Some(seed), None);
             self.own.filled = self.own.filled.with(seed);
         }

@@ -8,6 +8,7 @@ use super::motions::Motions;
 use super::neighbour_table::NeighbourTable;
 use super::params::{Params, SeedAuthority, Setup};
 use super::planning::paths::Ground;
+use super::planning::transport::is_at_goal;
 use super::pose::Pose;
 use super::steering::Steered;
 use crate::defects::Defect;
@@ -73,6 +74,13 @@ impl<'a> View<'a> {
     pub fn seed_filled_in(self, pose: Pose) -> Option<u8> {
         let cells = self.motions().cells(pose);
         Some(self.setup.seeds(self.own.task).find(|(_, seed)| seed.cells() == cells)?.0)
+    }
+    /// The seed that a metamodule in `pose` settles in: one that it fills, with the element that it holds at its goal.
+    pub fn settles_in(self, pose: Pose) -> Option<u8> {
+        let goal = self.own.task.goal;
+        let held = self.setup.held(pose);
+        let is_placed = held.is_none_or(|(element, cells)| is_at_goal(self.setup, goal, element, &cells));
+        self.seed_filled_in(pose).filter(|_| is_placed)
     }
     /// Returns true if a neighbour stays where it is until the task changes: it is settled, and has the same task as
     /// this metamodule. One that is settled in another task may leave, so it is asked for its consent. Otherwise two

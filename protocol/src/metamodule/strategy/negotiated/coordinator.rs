@@ -17,14 +17,12 @@ use crate::coverage::{CoveragePoint, hit};
 use crate::defects::Defect;
 use crate::digest::Portable;
 use crate::ids::ModuleId;
-use crate::lattice::Cell;
 use crate::metamodule::blueprint::SeedSet;
 use crate::metamodule::message::{Directive, Instruction, Message};
 use crate::metamodule::params::Setup;
 use crate::metamodule::plan::{Aim, Plan};
 use crate::metamodule::planning::cooperative::{Move, SearchResult, Standstill, WORK, search};
 use crate::metamodule::planning::lru_cache::mix;
-use crate::metamodule::planning::transport::is_at_goal;
 use crate::metamodule::pose::{Load, Pose};
 use crate::metamodule::strategy::Context;
 use crate::metamodule::view::View;
@@ -298,10 +296,7 @@ pub(super) fn own_move(scene: &Scene<'_>, instruction: Instruction) -> Option<Pl
     }
     let after = Pose { posture, ..pose };
     // With an element it settles only where the element is at its goal: a step earlier may fill the seed as well.
-    let goal = v.own.task.goal;
-    let is_placed = |(element, cells): (usize, Vec<Cell>)| is_at_goal(v.setup, goal, element, &cells);
-    let is_placed = v.setup.held(after).is_none_or(is_placed);
-    let fills = v.seed_filled_in(after).filter(|s| v.open().has(*s) && is_placed);
+    let fills = v.settles_in(after).filter(|s| v.open().has(*s));
     let aim = match fills {
         _ if lands => Aim::Land,
         Some(seed) => Aim::Settle(seed),
