@@ -78,6 +78,7 @@ impl Journal {
                 Event::Resumed(id) => ("resumed", Some(*id), String::new()),
                 Event::Injected(id, fault, effect) => ("fault", *id, format!("{fault}: {effect}")),
                 Event::Obstacles(cells) => ("obstacles", None, format!("{cells:?}")),
+                Event::Elements(all) => ("elements", None, format!("{all:?}")),
                 Event::Goal(goal, _) => ("goal", None, goal.to_string()),
             };
             Some((at.0, name, module.map(|id| id.0), text))

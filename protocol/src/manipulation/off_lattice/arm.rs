@@ -103,7 +103,8 @@ impl Arm {
             let near = |centre: &Vector3<f64>, radius: f64| (centre - cuboid.centre).norm() < CORNER + radius;
             let body =
                 bodies.iter().any(|b| near(&b.centre, OUTER_RADIUS) && overlap(&b.scaled(SHRINK), &cuboid));
-            !body && !(is_held && near(&block.centre, CORNER) && overlap(&block, &cuboid))
+            let cube = is_held && near(&block.centre, CORNER) && overlap(&block, &cuboid);
+            !body && !cube
         };
         !meets && self.obstacles.iter().all(is_clear) && self.holds(q)
     }

@@ -9,7 +9,6 @@ use crate::manipulation::terrain::Terrain;
 use crate::manipulation::transport::{Answer, Reason, plan};
 use crate::manipulation::walking::Ground;
 use crate::manipulation::worlds::World;
-use crate::ratio::Ratio;
 use crate::roombots::Kind;
 use crate::roombots::database::Database;
 use std::sync::Arc;
