@@ -79,6 +79,11 @@ impl MetamoduleDirector {
         Some((element, if all { dead } else { one }))
     }
 
+    /// Returns true if an element is not at its goal, or is still held where it is to lie.
+    pub fn has_elements_left(&self, world: &MetamoduleWorld) -> bool {
+        self.swarm(world).elements_left().next().is_some()
+    }
+
     /// Returns true if an element is in cells of the other colour than those of its goal, after a fall.
     pub(super) fn is_off_colour(&self, world: &MetamoduleWorld) -> bool {
         let elements = self.setup.elements.all().iter().enumerate();

@@ -13,7 +13,6 @@ use metamorph_protocol::metamodule::params::Setup;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::metamodule::director::{MetamoduleDirector, MetamodulePlan};
-use metamorph_sim_bridge::metamodule::reasons::ELEMENT_BLOCKED;
 use metamorph_sim_bridge::metamodule::world::MetamoduleWorld;
 use metamorph_sim_bridge::world::World;
 use metamorph_sim_bridge::world::invariants::Violation;
@@ -115,10 +114,10 @@ impl Runnable for Metamodules {
             crashed,
             restarted,
             stall: director.stall().cloned(),
-            // The search knows no elements.
+            // The search knows no elements: while one is left, it cannot say what could still be built.
             snapshot: director
                 .stall()
-                .filter(|stall| stall.reason != ELEMENT_BLOCKED)
+                .filter(|_| !director.has_elements_left(world))
                 .map(|_| Box::new(director.snapshot(world)) as _),
             struck: director.struck().to_vec(),
             prevented: director.prevented(),
