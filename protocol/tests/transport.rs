@@ -8,7 +8,7 @@ use metamorph_protocol::manipulation::load::Limits;
 use metamorph_protocol::manipulation::scene::Scene;
 use metamorph_protocol::manipulation::terrain::Terrain;
 use metamorph_protocol::manipulation::transport::{Answer, Plan, Reason, Task, plan, plan_any_colour};
-use metamorph_protocol::manipulation::verification::Deed;
+use metamorph_protocol::manipulation::verification::BodyAction;
 use metamorph_protocol::manipulation::walking::{Body, Ground, Motion};
 use metamorph_protocol::manipulation::worlds::World;
 use metamorph_protocol::ratio::Ratio;
@@ -31,15 +31,15 @@ fn check(scene: &Scene, ground: &Ground<'_>, task: &Task, plan: &Plan) {
     let front = |body: &Body| cell_at(moved(head(body), [0, 0, -1]));
     for action in &plan.actions {
         let body = &mut bodies[action.mover];
-        match action.deed {
-            Deed::Move(Motion::Turn { to, degrees }) => {
+        match action.body_action {
+            BodyAction::Move(Motion::Turn { to, degrees }) => {
                 let ends = BTreeSet::from([body.posture, to]);
                 let step = table.steps().iter().find(|s| BTreeSet::from([s.from, s.to]) == ends).unwrap();
                 assert_eq!(step.floor, FloorContact::Free);
                 assert_eq!(degrees, if step.joint % 3 == 1 { 90 } else { 120 });
                 body.posture = to;
             }
-            Deed::Move(Motion::Land(to)) => {
+            BodyAction::Move(Motion::Land(to)) => {
                 assert_eq!(head(body), scene.pose(to.foothold), "the head is on the connector");
                 assert!(ground.exists(to.foothold), "the connector exists");
                 assert_ne!(holder, Some(action.mover), "the head is free");
@@ -49,19 +49,19 @@ fn check(scene: &Scene, ground: &Ground<'_>, task: &Task, plan: &Plan) {
                 assert_eq!(before, after, "landing moves nothing");
                 *body = to;
             }
-            Deed::Grip { .. } => {
+            BodyAction::Grip { .. } => {
                 assert_eq!(front(body), cube);
                 // The one that held it lets go in the next action.
                 holder = Some(action.mover);
             }
-            Deed::LetGo if holder == Some(action.mover) => {
+            BodyAction::LetGo if holder == Some(action.mover) => {
                 assert!(task.puts_down || task.rests, "the element stays held");
                 assert_eq!(cube.z, 0, "it rests on the floor");
                 (holder, put_down) = (None, put_down + 1);
             }
-            Deed::LetGo => {}
+            BodyAction::LetGo => {}
         }
-        if let (Some(mover), Deed::Move(_)) = (holder, action.deed) {
+        if let (Some(mover), BodyAction::Move(_)) = (holder, action.body_action) {
             cube = front(&bodies[mover]);
         }
         let mut cells: Vec<Cell> = bodies.iter().flat_map(|b| scene.body(b.foothold, b.posture)).collect();
@@ -71,7 +71,8 @@ fn check(scene: &Scene, ground: &Ground<'_>, task: &Task, plan: &Plan) {
         assert_eq!(colour(cube), colour(task.start[0]));
     }
     assert_eq!(vec![cube], task.goal);
-    let grips = plan.actions.iter().filter(|a| matches!(a.deed, Deed::Grip { .. })).count() as u32;
+    let grips =
+        plan.actions.iter().filter(|a| matches!(a.body_action, BodyAction::Grip { .. })).count() as u32;
     assert_eq!(plan.hand_overs + 1 + put_down - u32::from(task.rests), grips);
     assert_eq!(holder.is_none(), task.rests);
     assert!(plan.lower <= plan.relaxed && plan.hand_overs < plan.connections());

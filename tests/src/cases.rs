@@ -255,7 +255,7 @@ impl Sum {
         self.broken += ran.broken;
         if ran.built() {
             self.built += 1;
-            self.moves += ran.deeds.moves;
+            self.moves += ran.action_counts.moves;
             self.messages += ran.tally.total().sent;
         }
     }

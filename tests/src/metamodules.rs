@@ -123,7 +123,7 @@ pub struct Assembled {
     /// Message counts.
     pub tally: Tally,
     /// The counts of actions.
-    pub deeds: ActionCounts,
+    pub action_counts: ActionCounts,
     /// The number of locks refused because two metamodules would have met.
     pub prevented: u64,
     /// The trace hash.
@@ -142,7 +142,7 @@ impl Assembled {
     /// Returns the number that corresponds to the thesis's count of collisions: locks refused and actions
     /// refused by the interlock.
     pub fn collisions(&self) -> u64 {
-        self.prevented + self.deeds.blocked
+        self.prevented + self.action_counts.blocked
     }
 }
 
@@ -305,7 +305,7 @@ impl Assembly {
             violations: violations.to_vec(),
             broken,
             tally: *sim.tally(),
-            deeds: sim.world().deeds(),
+            action_counts: sim.world().action_counts(),
             prevented: sim.director().prevented(),
             trace: sim.trace().value(),
             digest: sim.agents_hash(),

@@ -1,4 +1,4 @@
-//! Keeper, taker or controller is killed at one of the four steps of a hand-over between processes: the cube stays held, it is
+//! Holder, receiver or controller is killed at one of the four steps of a hand-over between processes: the cube stays held, it is
 //! placed or the report says why not, and the journal replays bit for bit.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 #![allow(clippy::print_stdout, reason = "shown only on failure or with --nocapture")]
@@ -24,21 +24,21 @@ const LET_GO: u8 = 20;
 /// Who is killed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Victim {
-    Keeper,
-    Taker,
+    Holder,
+    Receiver,
     Controller,
 }
 
-/// The steps of a hand-over: the keeper waits and another one comes, the taker grips, the keeper lets go, the taker goes on.
+/// The steps of a hand-over: the holder waits and another one comes, the receiver grips, the holder lets go, the receiver goes on.
 const STEPS: [u8; 4] = [1, 2, 3, 4];
-const VICTIMS: [Victim; 3] = [Victim::Keeper, Victim::Taker, Victim::Controller];
+const VICTIMS: [Victim; 3] = [Victim::Holder, Victim::Receiver, Victim::Controller];
 
 /// How far a hand-over is, from the actions that bodies began.
 #[derive(Default)]
 struct Progress {
     step: u8,
-    keeper: Option<ModuleId>,
-    taker: Option<ModuleId>,
+    holder: Option<ModuleId>,
+    receiver: Option<ModuleId>,
 }
 
 fn progress(controller: &Path) -> Progress {
@@ -47,17 +47,17 @@ fn progress(controller: &Path) -> Progress {
     for record in records.map_while(Result::ok) {
         let Record { event: Event::Act { id, action, begun: true, .. }, .. } = record else { continue };
         match (seen.step, action.kind) {
-            (0, GRIP) => (seen.step, seen.keeper) = (1, Some(id)),
-            (1, GRIP) if seen.keeper != Some(id) => (seen.step, seen.taker) = (2, Some(id)),
+            (0, GRIP) => (seen.step, seen.holder) = (1, Some(id)),
+            (1, GRIP) if seen.holder != Some(id) => (seen.step, seen.receiver) = (2, Some(id)),
             // It was put down, and picked up by another one.
             (1, LET_GO) => seen = Progress::default(),
-            (2, LET_GO) if seen.keeper == Some(id) => seen.step = 3,
-            (3, _) if seen.taker == Some(id) => seen.step = 4,
+            (2, LET_GO) if seen.holder == Some(id) => seen.step = 3,
+            (3, _) if seen.receiver == Some(id) => seen.step = 4,
             _ => {}
         }
-        // The first action of another one after the keeper has the cube: it is on its way.
-        if seen.step == 1 && seen.taker.is_none() && seen.keeper != Some(id) {
-            seen.taker = Some(id);
+        // The first action of another one after the holder has the cube: it is on its way.
+        if seen.step == 1 && seen.receiver.is_none() && seen.holder != Some(id) {
+            seen.receiver = Some(id);
         }
     }
     seen
@@ -83,12 +83,12 @@ fn kill(running: &mut Running, journal: &Path, victim: Victim, step: u8) -> bool
     wait_until("the hand-over to get so far", || {
         is_over = running.0.try_wait().unwrap().is_some();
         seen = progress(&controller);
-        is_over || (seen.step >= step && (seen.taker.is_some() || victim == Victim::Keeper))
+        is_over || (seen.step >= step && (seen.receiver.is_some() || victim == Victim::Holder))
     });
     let module = match victim {
         Victim::Controller => None,
-        Victim::Keeper => seen.keeper,
-        Victim::Taker => seen.taker,
+        Victim::Holder => seen.holder,
+        Victim::Receiver => seen.receiver,
     };
     match module {
         _ if is_over => return false,
@@ -162,7 +162,7 @@ fn case(victim: Victim, step: u8, seed: u64) -> String {
 
 #[test]
 fn a_cube_stays_held_although_one_of_a_hand_over_is_killed() {
-    for (victim, step) in [(Victim::Keeper, 2), (Victim::Taker, 3), (Victim::Controller, 3)] {
+    for (victim, step) in [(Victim::Holder, 2), (Victim::Receiver, 3), (Victim::Controller, 3)] {
         println!("{}", case(victim, step, 1));
     }
 }

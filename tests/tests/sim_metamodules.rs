@@ -45,7 +45,10 @@ fn the_strategies_of_the_thesis_build_boxes() {
     assert!(!built.is_empty());
     for ran in built {
         assert_eq!(ran.filled, 4);
-        assert_eq!(ran.deeds.moves, ran.deeds.released, "every connection was followed by letting go");
+        assert_eq!(
+            ran.action_counts.moves, ran.action_counts.released,
+            "every connection was followed by letting go"
+        );
     }
 }
 
@@ -156,7 +159,7 @@ fn variations_vary() {
     };
     for seed in 0..3 {
         let plain = of("plain", seed).run().0;
-        assert_eq!((plain.struck.len(), plain.deeds.failed, plain.shift), (0, 0, (0, 0)));
+        assert_eq!((plain.struck.len(), plain.action_counts.failed, plain.shift), (0, 0, (0, 0)));
         let hindered = of("passing-obstacles", seed).run().0;
         let came = |s: &&metamorph_sim_bridge::director::faults::FaultRecord| {
             matches!(s.fault, Fault::World(&OBSTACLE, _)) && s.effect.ends_with("the cell was free")

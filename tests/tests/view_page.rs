@@ -185,7 +185,7 @@ fn parts_move_on_the_page_as_they_do_in_the_program() {
     close(&browser.evaluate("window.page.story.modules[1].first.poses"), &rest, "at the start");
     let mut turned = 0;
     for number in 0..setup.motions.table().steps().len() as u16 {
-        let action = Action { deed: BodyAction::Turn(number), not_after: Time::ZERO };
+        let action = Action { body_action: BodyAction::Turn(number), not_after: Time::ZERO };
         let Some((motion, _)) = Metamodule::motion(setup, place, &action) else { continue };
         turned += 1;
         for fraction in [0.0, 0.2, 0.5, 0.9, 1.0] {

@@ -7,16 +7,16 @@ use crate::roombots::database::Table;
 use crate::roombots::lattice_pose::LatticePose;
 use std::collections::BTreeMap;
 
-/// A holder and a taker that hold an element at the same time.
+/// A holder and a receiver that hold an element at the same time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Pair {
     /// The posture of the holder.
     pub holder: u16,
-    /// The posture of the taker.
-    pub taker: u16,
+    /// The posture of the receiver.
+    pub receiver: u16,
 }
 
-/// The hand-overs from one grip to another, by the pose of the taker's foot in the foot frame of the holder.
+/// The hand-overs from one grip to another, by the pose of the receiver's foot in the foot frame of the holder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct HandoverTable {
     /// The number of pairs that hold the element in one place at different ports.
@@ -29,21 +29,26 @@ pub struct HandoverTable {
 type Standing = (u16, [Cell; 4]);
 
 impl HandoverTable {
-    /// Generates the table for a holder and a taker with these carry tables, both in their main sets. The foot of the taker
+    /// Generates the table for a holder and a receiver with these carry tables, both in their main sets. The foot of the receiver
     /// is on the floor of the holder, or on a wall above it.
-    pub fn new(table: &Table, element: &Element, holder: &CarryTable, taker: &CarryTable) -> HandoverTable {
-        HandoverTable::between(table, element, [holder, taker], [holder.main_set(), taker.main_set()])
+    pub fn new(
+        table: &Table,
+        element: &Element,
+        holder: &CarryTable,
+        receiver: &CarryTable,
+    ) -> HandoverTable {
+        HandoverTable::between(table, element, [holder, receiver], [holder.main_set(), receiver.main_set()])
     }
 
-    /// Generates the table for these postures of a holder and a taker.
+    /// Generates the table for these postures of a holder and a receiver.
     pub fn between(
         table: &Table,
         element: &Element,
-        [holder, taker]: [&CarryTable; 2],
-        [holders, takers]: [Vec<u16>; 2],
+        [holder, receiver]: [&CarryTable; 2],
+        [holders, receivers]: [Vec<u16>; 2],
     ) -> HandoverTable {
         let symmetries = element.symmetries();
-        let takers = by_pose(table, taker, &takers);
+        let receivers = by_pose(table, receiver, &receivers);
         // The middle of the occupied port, in the frame of the element.
         let port_of = |carry: &CarryTable| carry.grip().offset.inverse().half;
         let mut found = HandoverTable::default();
@@ -51,13 +56,13 @@ impl HandoverTable {
             let occupied = moved(pose, port_of(holder));
             for symmetry in &symmetries {
                 let turned = pose.compose(*symmetry);
-                if moved(turned, port_of(taker)) == occupied {
+                if moved(turned, port_of(receiver)) == occupied {
                     continue;
                 }
-                for (of_taker, takers) in &takers {
+                for (of_taker, receivers) in &receivers {
                     let foot = turned.compose(of_taker.inverse());
                     if is_foothold(foot) {
-                        found.add(foot, &holders, takers);
+                        found.add(foot, &holders, receivers);
                     }
                 }
             }
@@ -66,16 +71,16 @@ impl HandoverTable {
         found
     }
 
-    fn add(&mut self, foot: LatticePose, holders: &[Standing], takers: &[Standing]) {
-        self.examined += (holders.len() * takers.len()) as u64;
+    fn add(&mut self, foot: LatticePose, holders: &[Standing], receivers: &[Standing]) {
+        self.examined += (holders.len() * receivers.len()) as u64;
         let mut free = Vec::new();
-        for (taker, cells) in takers {
+        for (receiver, cells) in receivers {
             let cells = cells.map(|cell| cell_at(moved(foot, centre_of(cell))));
             if cells.iter().any(|c| c.z < 0) {
                 continue;
             }
             let clear = holders.iter().filter(|(_, own)| !cells.iter().any(|c| own.contains(c)));
-            free.extend(clear.map(|(holder, _)| Pair { holder: *holder, taker: *taker }));
+            free.extend(clear.map(|(holder, _)| Pair { holder: *holder, receiver: *receiver }));
         }
         if !free.is_empty() {
             self.pairs.entry(foot).or_default().extend(free);

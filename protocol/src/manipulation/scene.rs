@@ -55,16 +55,16 @@ pub struct Way {
     pub holder: (u8, u16),
     /// The set of empty postures that the holder is in afterwards.
     pub left: u16,
-    /// The grip and the set of the taker.
-    pub taker: (u8, u16),
-    /// The set of empty postures from which the taker takes the element.
+    /// The grip and the set of the receiver.
+    pub receiver: (u8, u16),
+    /// The set of empty postures from which the receiver takes the element.
     pub came: u16,
 }
 
 /// The ways to hand the element over to a foothold from one grip to another.
 #[derive(Clone, Debug)]
 pub struct Link {
-    /// The foothold of the taker.
+    /// The foothold of the receiver.
     pub to: Foothold,
     /// The ways, ascending.
     ways: Arc<[Way]>,
@@ -236,8 +236,8 @@ impl Scene {
     /// Returns the pairs of postures for a way along a link.
     pub fn pairs(&self, from: Foothold, to: Foothold, way: &Way) -> Vec<Pair> {
         let relative = self.pose(from).inverse().compose(self.pose(to));
-        let pairs = self.handovers[&(way.holder.0, way.taker.0)].pairs.get(&relative);
-        let sets = self.sets_of(from, to, (way.holder.0, way.taker.0));
+        let pairs = self.handovers[&(way.holder.0, way.receiver.0)].pairs.get(&relative);
+        let sets = self.sets_of(from, to, (way.holder.0, way.receiver.0));
         pairs.into_iter().flatten().filter(|pair| sets(pair).as_ref() == Some(way)).copied().collect()
     }
 
@@ -343,13 +343,13 @@ impl Scene {
         let (holding, left) = (self.holding(from, grips.0).clone(), self.empty(from).clone());
         let (taking, came) = (self.holding(to, grips.1).clone(), self.empty(to).clone());
         move |pair| {
-            let (holder, taker) = (usize::from(pair.holder), usize::from(pair.taker));
-            let valid = holding[holder] != NO_SET && taking[taker] != NO_SET;
+            let (holder, receiver) = (usize::from(pair.holder), usize::from(pair.receiver));
+            let valid = holding[holder] != NO_SET && taking[receiver] != NO_SET;
             valid.then(|| Way {
                 holder: (grips.0, holding[holder]),
                 left: left[holder],
-                taker: (grips.1, taking[taker]),
-                came: came[taker],
+                receiver: (grips.1, taking[receiver]),
+                came: came[receiver],
             })
         }
     }
@@ -363,9 +363,9 @@ pub fn hand_overs(
 ) -> BTreeMap<(u8, u8), HandoverTable> {
     let mut all = BTreeMap::new();
     for (g, holder) in (0..).zip(carry) {
-        for (h, taker) in (0..).zip(carry) {
-            let sets = [holder, taker].map(CarryTable::valid_postures);
-            all.insert((g, h), HandoverTable::between(table, element, [holder, taker], sets));
+        for (h, receiver) in (0..).zip(carry) {
+            let sets = [holder, receiver].map(CarryTable::valid_postures);
+            all.insert((g, h), HandoverTable::between(table, element, [holder, receiver], sets));
         }
     }
     all

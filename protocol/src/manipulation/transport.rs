@@ -12,7 +12,7 @@
 use super::colour::colours_differ;
 use super::resting::{Place, Resting};
 use super::scene::{Hold, NO_SET, Way};
-use super::verification::{Action, Deed, Situation};
+use super::verification::{Action, BodyAction, Situation};
 use super::walking::{Body, Ground, Motion, Stand};
 use crate::lattice::Cell;
 use crate::plan::search::{Method, Search};
@@ -103,14 +103,15 @@ pub struct Plan {
 impl Plan {
     /// Returns the number of connections of all metamodules: landings and grips.
     pub fn connections(&self) -> u32 {
-        let connects =
-            |action: &&Action| matches!(action.deed, Deed::Move(Motion::Land(_)) | Deed::Grip { .. });
+        let connects = |action: &&Action| {
+            matches!(action.body_action, BodyAction::Move(Motion::Land(_)) | BodyAction::Grip { .. })
+        };
         self.actions.iter().filter(connects).count() as u32
     }
     /// Returns the sum of all joint motions, in degrees.
     pub fn degrees(&self) -> u32 {
-        let angle = |action: &Action| match action.deed {
-            Deed::Move(Motion::Turn { degrees, .. }) => u32::from(degrees),
+        let angle = |action: &Action| match action.body_action {
+            BodyAction::Move(Motion::Turn { degrees, .. }) => u32::from(degrees),
             _ => 0,
         };
         self.actions.iter().map(angle).sum()
@@ -210,8 +211,8 @@ struct State {
 /// An edge: who takes the element and how, or where it is put down.
 #[derive(Clone, Copy, Debug)]
 enum Edge {
-    PickUp { taker: u8, from: Place, hold: Hold, came: u16 },
-    HandOver { taker: u8, to: u16, way: Way },
+    PickUp { receiver: u8, from: Place, hold: Hold, came: u16 },
+    HandOver { receiver: u8, to: u16, way: Way },
     PutDown { hold: Hold, to: Place, left: u16 },
 }
 
@@ -282,14 +283,14 @@ impl<'a> Relaxed<'a> {
         let mut last = self.held.map(|(_, hold)| hold);
         for (i, edge) in edges.iter().enumerate() {
             let (next, hold) = match edge {
-                Edge::PickUp { taker, from, hold, came } => {
+                Edge::PickUp { receiver, from, hold, came } => {
                     let same = |(h, p): &&(Hold, u16)| h == hold && self.empty(h, *p) == *came;
                     let holds: Vec<_> = self.resting.holds(*from).iter().filter(same).copied().collect();
-                    (at.picked_up(usize::from(*taker), &holds), *hold)
+                    (at.picked_up(usize::from(*receiver), &holds), *hold)
                 }
-                Edge::HandOver { taker, to, way } => {
-                    let hold = Hold { foothold: *to, grip: way.taker.0, set: way.taker.1 };
-                    (at.handed_over(usize::from(*taker), *to, way), hold)
+                Edge::HandOver { receiver, to, way } => {
+                    let hold = Hold { foothold: *to, grip: way.receiver.0, set: way.receiver.1 };
+                    (at.handed_over(usize::from(*receiver), *to, way), hold)
                 }
                 Edge::PutDown { hold, to, left } => {
                     let lies = |(p, posture): &&(Place, u16)| p == to && self.empty(hold, *posture) == *left;
@@ -309,7 +310,7 @@ impl<'a> Relaxed<'a> {
     fn visit(
         &self,
         from: &State,
-        (taker, before, came): (usize, Stand, u16),
+        (receiver, before, came): (usize, Stand, u16),
         (hold, left): (Hold, Option<u16>),
     ) -> Option<(Cost, State)> {
         let to = (hold.foothold, came);
@@ -318,8 +319,8 @@ impl<'a> Relaxed<'a> {
         if let (Some((holder, _)), Some(left)) = (from.holder, left) {
             stands[usize::from(holder)].1 = left;
         }
-        stands[taker] = (hold.foothold, NO_SET);
-        Some((Cost::from(walk) + 1, State { holder: Some((taker as u8, hold)), place: 0, stands }))
+        stands[receiver] = (hold.foothold, NO_SET);
+        Some((Cost::from(walk) + 1, State { holder: Some((receiver as u8, hold)), place: 0, stands }))
     }
 }
 
@@ -343,7 +344,7 @@ impl Left {
             let next = left.holds[&at] + 1;
             for link in ground.scene().links(at.foothold).iter().filter(|l| ground.exists(l.to)) {
                 for way in link.ways_from(&at) {
-                    let to = Hold { foothold: link.to, grip: way.taker.0, set: way.taker.1 };
+                    let to = Hold { foothold: link.to, grip: way.receiver.0, set: way.receiver.1 };
                     reach(&mut left, &mut open, to, next);
                 }
             }
@@ -411,25 +412,25 @@ impl Space for &Relaxed<'_> {
         }
         let movers =
             (0..state.stands.len()).filter(|i| state.holder.is_none_or(|(h, _)| usize::from(h) != *i));
-        for taker in movers {
-            let before = state.stands[taker];
+        for receiver in movers {
+            let before = state.stands[receiver];
             let Some((_, held)) = &state.holder else {
                 let from = state.place;
                 let picks = self.resting.holds(from).iter();
                 let picks: BTreeSet<(Hold, u16)> =
                     picks.map(|(hold, p)| (*hold, self.empty(hold, *p))).collect();
                 for (hold, came) in picks {
-                    let edge = Edge::PickUp { taker: taker as u8, from, hold, came };
-                    unless_banned(edge, self.visit(state, (taker, before, came), (hold, None)));
+                    let edge = Edge::PickUp { receiver: receiver as u8, from, hold, came };
+                    unless_banned(edge, self.visit(state, (receiver, before, came), (hold, None)));
                 }
                 continue;
             };
             let links = self.ground.scene().links(held.foothold).iter();
             for link in links.filter(|l| self.ground.exists(l.to)) {
                 for way in link.ways_from(held) {
-                    let hold = Hold { foothold: link.to, grip: way.taker.0, set: way.taker.1 };
-                    let edge = Edge::HandOver { taker: taker as u8, to: link.to, way: *way };
-                    let found = self.visit(state, (taker, before, way.came), (hold, Some(way.left)));
+                    let hold = Hold { foothold: link.to, grip: way.receiver.0, set: way.receiver.1 };
+                    let edge = Edge::HandOver { receiver: receiver as u8, to: link.to, way: *way };
+                    let found = self.visit(state, (receiver, before, way.came), (hold, Some(way.left)));
                     unless_banned(edge, found);
                 }
             }

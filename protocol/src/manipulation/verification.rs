@@ -18,7 +18,7 @@ const APART: u32 = 5;
 
 /// What a metamodule does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Deed {
+pub enum BodyAction {
     /// It moves.
     Move(Motion),
     /// Its head grips the element.
@@ -30,13 +30,13 @@ pub enum Deed {
     LetGo,
 }
 
-/// A deed of a metamodule.
+/// An action of a metamodule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Action {
     /// The metamodule, from 0.
     pub mover: usize,
     /// What it does.
-    pub deed: Deed,
+    pub body_action: BodyAction,
 }
 
 /// Where everything is, and what led there.
@@ -70,35 +70,35 @@ impl<'a> Situation<'a> {
 
     /// Returns the situation after a metamodule has walked to the element and gripped it, by the first of `holds` to which
     /// there is a path.
-    pub fn picked_up(&self, taker: usize, holds: &[(Hold, u16)]) -> Option<Situation<'a>> {
-        let others = (0..self.bodies.len()).filter(|i| *i != taker);
-        let before = std::iter::once(self.clone()).chain(others.flat_map(|i| self.away(i, taker, None)));
+    pub fn picked_up(&self, receiver: usize, holds: &[(Hold, u16)]) -> Option<Situation<'a>> {
+        let others = (0..self.bodies.len()).filter(|i| *i != receiver);
+        let before = std::iter::once(self.clone()).chain(others.flat_map(|i| self.away(i, receiver, None)));
         let try_all = |at: Situation<'a>| {
             holds.iter().take(MAX_PAIRS).find_map(|(hold, posture)| {
                 let to = Body { foothold: hold.foothold, posture: *posture };
-                Some(at.walked(taker, to)?.gripped(taker, hold.grip))
+                Some(at.walked(receiver, to)?.gripped(receiver, hold.grip))
             })
         };
         before.into_iter().find_map(try_all)
     }
 
-    /// Returns the situation after the holder has handed the element over to `taker` at foothold `to`. In order: the holder
-    /// carries the element to the place and the taker comes; the taker comes first and raises its head afterwards; the
-    /// taker first goes out of the way.
-    pub fn handed_over(&self, taker: usize, to: Foothold, way: &Way) -> Option<Situation<'a>> {
+    /// Returns the situation after the holder has handed the element over to `receiver` at foothold `to`. In order: the holder
+    /// carries the element to the place and the receiver comes; the receiver comes first and raises its head afterwards; the
+    /// receiver first goes out of the way.
+    pub fn handed_over(&self, receiver: usize, to: Foothold, way: &Way) -> Option<Situation<'a>> {
         let (holder, _) = self.holder?;
         let pairs = self.ground.scene().pairs(self.bodies[holder].foothold, to, way);
         let pairs = spread(&pairs);
         let taken_over = |at: &Situation<'a>, pair: &Pair| {
             at.carried(pair.holder)?
-                .walked(taker, Body { foothold: to, posture: pair.taker })
-                .map(|s| s.gripped(taker, way.taker.0))
+                .walked(receiver, Body { foothold: to, posture: pair.receiver })
+                .map(|s| s.gripped(receiver, way.receiver.0))
         };
         let of = |at: Situation<'a>| pairs.iter().find_map(|pair| taken_over(&at, pair));
         let upright = self.upright(to);
         of(self.clone())
-            .or_else(|| of(self.walked(taker, upright)?))
-            .or_else(|| self.away(taker, holder, Some(to)).into_iter().find_map(of))
+            .or_else(|| of(self.walked(receiver, upright)?))
+            .or_else(|| self.away(receiver, holder, Some(to)).into_iter().find_map(of))
     }
 
     /// Returns the situation after the holder has carried the element to its goal, in the first of `holds` to which there is
@@ -122,7 +122,7 @@ impl<'a> Situation<'a> {
             .flat_map(|at| postures.iter().filter_map(|posture| at.carried(*posture)).collect::<Vec<_>>());
         let mut after = ends.next()?;
         after.holder = None;
-        after.actions.push(Action { mover: holder, deed: Deed::LetGo });
+        after.actions.push(Action { mover: holder, body_action: BodyAction::LetGo });
         Some(after)
     }
 
@@ -192,7 +192,9 @@ impl<'a> Situation<'a> {
         let motions = Walk::new(self.ground, &obstacles, to).find(self.bodies[mover], to)?;
         let mut after = self.clone();
         after.bodies[mover] = to;
-        after.actions.extend(motions.into_iter().map(|motion| Action { mover, deed: Deed::Move(motion) }));
+        after.actions.extend(
+            motions.into_iter().map(|motion| Action { mover, body_action: BodyAction::Move(motion) }),
+        );
         Some(after)
     }
 
@@ -214,16 +216,16 @@ impl<'a> Situation<'a> {
         after.element = scene.held(foothold, grip, to)?;
         after.actions.extend(path.into_iter().map(|(step, to)| {
             let degrees = degrees_of(usize::from(carry.steps()[step].joint));
-            Action { mover, deed: Deed::Move(Motion::Turn { to, degrees }) }
+            Action { mover, body_action: BodyAction::Move(Motion::Turn { to, degrees }) }
         }));
         Some(after)
     }
 
     /// The metamodule grips the element, and the one that held it lets go.
-    fn gripped(mut self, taker: usize, grip: u8) -> Situation<'a> {
-        self.actions.push(Action { mover: taker, deed: Deed::Grip { grip } });
-        if let Some((mover, _)) = self.holder.replace((taker, grip)) {
-            self.actions.push(Action { mover, deed: Deed::LetGo });
+    fn gripped(mut self, receiver: usize, grip: u8) -> Situation<'a> {
+        self.actions.push(Action { mover: receiver, body_action: BodyAction::Grip { grip } });
+        if let Some((mover, _)) = self.holder.replace((receiver, grip)) {
+            self.actions.push(Action { mover, body_action: BodyAction::LetGo });
         }
         self
     }

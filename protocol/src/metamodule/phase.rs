@@ -118,7 +118,7 @@ impl Motion {
     /// The next action of the body, or how the motion has ended.
     pub fn next(&self, v: View<'_>) -> Next {
         let params = v.params();
-        let (deed, takes) = match (self.plan.steps.get(self.next), self.plan.aim) {
+        let (body_action, takes) = match (self.plan.steps.get(self.next), self.plan.aim) {
             (Some(step), _) => (BodyAction::Turn(*step), params.turn_time),
             (None, Aim::Settle(_)) => return Next::Settled,
             (None, Aim::Shift) => return Next::Shifted,
@@ -133,9 +133,9 @@ impl Motion {
             hit(CoveragePoint::MetaLockRanOut);
         }
         if v.has(Defect::OutstayLease) {
-            return Next::Act(Action { deed, not_after: Time::NEVER });
+            return Next::Act(Action { body_action, not_after: Time::NEVER });
         }
-        if is_late { Next::LockRunsOut } else { Next::Act(Action { deed, not_after }) }
+        if is_late { Next::LockRunsOut } else { Next::Act(Action { body_action, not_after }) }
     }
 
     /// Notes that an action has ended well, with the body at `pose`.

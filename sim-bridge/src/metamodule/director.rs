@@ -406,9 +406,13 @@ impl MetamoduleDirector {
     }
 
     fn watch(&mut self, now: Time, world: &MetamoduleWorld) {
-        let deeds = world.deeds();
-        self.moves = deeds.moves;
-        let done = deeds.turns + deeds.moves + deeds.released + deeds.grips + deeds.let_go;
+        let action_counts = world.action_counts();
+        self.moves = action_counts.moves;
+        let done = action_counts.turns
+            + action_counts.moves
+            + action_counts.released
+            + action_counts.grips
+            + action_counts.let_go;
         if done != self.done {
             self.done = done;
             self.last_deed = now;

@@ -42,7 +42,7 @@ struct UnderWay {
     to: Pose,
     /// All cells that the body may be in during the action.
     claimed: Vec<Cell>,
-    deed: BodyAction,
+    body_action: BodyAction,
     fails: bool,
 }
 
@@ -82,7 +82,7 @@ pub struct MetamoduleWorld {
     sessions: u32,
     failure: Ratio,
     joints: Rng,
-    deeds: ActionCounts,
+    action_counts: ActionCounts,
     violations: Vec<Violation>,
 }
 
@@ -111,7 +111,7 @@ impl MetamoduleWorld {
             sessions: 0,
             failure: Ratio::ZERO,
             joints: Rng::named(seed, "joints", 0),
-            deeds: ActionCounts::default(),
+            action_counts: ActionCounts::default(),
             violations: Vec::new(),
         };
         for id in (0..poses.len() as u32).map(ModuleId) {
@@ -154,8 +154,8 @@ impl MetamoduleWorld {
         &self.obstacles
     }
     /// Returns the counts of actions so far.
-    pub fn deeds(&self) -> ActionCounts {
-        self.deeds
+    pub fn action_counts(&self) -> ActionCounts {
+        self.action_counts
     }
     /// Returns the pose of a body; during an action, the one before.
     pub fn pose(&self, id: ModuleId) -> Pose {
@@ -251,19 +251,19 @@ impl MetamoduleWorld {
 
     fn refuse(&mut self, id: ModuleId, why: Refusal) {
         match why {
-            Refusal::Blocked => self.deeds.blocked += 1,
-            Refusal::Late => self.deeds.late += 1,
-            Refusal::Stale => self.deeds.stale += 1,
-            Refusal::Busy | Refusal::Impossible => self.deeds.impossible += 1,
+            Refusal::Blocked => self.action_counts.blocked += 1,
+            Refusal::Late => self.action_counts.late += 1,
+            Refusal::Stale => self.action_counts.stale += 1,
+            Refusal::Busy | Refusal::Impossible => self.action_counts.impossible += 1,
         }
         self.sensed.push_back((id, Sensed::Percept(Percept::Refused(why))));
     }
 
     /// Returns the pose that an action leads to and the cells that it needs, if the body is able to do it.
-    fn judge(&self, id: ModuleId, deed: BodyAction) -> Option<(Pose, Vec<Cell>)> {
+    fn judge(&self, id: ModuleId, body_action: BodyAction) -> Option<(Pose, Vec<Cell>)> {
         let (body, motions) = (&self.bodies[id.index()], &self.setup.motions);
         let pose = body.pose;
-        match deed {
+        match body_action {
             // A body held at both ends is a closed chain: its joints cannot turn by a step.
             BodyAction::Turn(_) if pose.both => None,
             BodyAction::Turn(number) => {
@@ -299,42 +299,42 @@ impl MetamoduleWorld {
         let motions = &self.setup.motions;
         let is_shared = self.is_shared(id);
         let body = &mut self.bodies[id.index()];
-        let Some(UnderWay { to, claimed, deed, fails }) = body.under_way.take() else { return };
+        let Some(UnderWay { to, claimed, body_action, fails }) = body.under_way.take() else { return };
         if fails {
             self.check_end(now, id, &claimed);
-            self.deeds.failed += 1;
+            self.action_counts.failed += 1;
             self.sensed.push_back((id, Sensed::Percept(Percept::Failed)));
             return;
         }
-        match deed {
+        match body_action {
             BodyAction::Turn(_) => {
-                self.deeds.turns += 1;
-                self.deeds.carries += u64::from(body.pose.load != Load::NONE);
+                self.action_counts.turns += 1;
+                self.action_counts.carries += u64::from(body.pose.load != Load::NONE);
             }
             BodyAction::Attach => {
-                self.deeds.moves += 1;
+                self.action_counts.moves += 1;
                 body.grips[body.pose.end.other() as usize] = true;
             }
             BodyAction::Detach => {
-                self.deeds.released += 1;
+                self.action_counts.released += 1;
                 body.grips[body.pose.end as usize] = false;
             }
-            BodyAction::Grip(_) => self.deeds.grips += 1,
+            BodyAction::Grip(_) => self.action_counts.grips += 1,
             BodyAction::LetGo => {
-                self.deeds.let_go += 1;
-                self.deeds.hand_overs += u64::from(is_shared);
+                self.action_counts.let_go += 1;
+                self.action_counts.hand_overs += u64::from(is_shared);
             }
         }
         body.pose = to;
         body.cells = motions.cells(to);
         self.carry_along(id);
         self.fall_on();
-        if matches!(deed, BodyAction::Grip(_)) {
+        if matches!(body_action, BodyAction::Grip(_)) {
             self.note_under_way();
         }
         self.sensed.push_back((id, Sensed::Percept(Percept::Done(to))));
         self.check_end(now, id, &claimed);
-        if deed == BodyAction::Detach {
+        if body_action == BodyAction::Detach {
             self.hear(id, true);
         }
     }
@@ -388,23 +388,24 @@ impl World for MetamoduleWorld {
         if now > action.not_after {
             return self.refuse(id, Refusal::Late);
         }
-        let Some((to, claimed)) = self.judge(id, action.deed) else {
-            self.count_prevented(id, action.deed);
+        let Some((to, claimed)) = self.judge(id, action.body_action) else {
+            self.count_prevented(id, action.body_action);
             return self.refuse(id, Refusal::Impossible);
         };
         if !self.is_free(id, &claimed) {
             return self.refuse(id, Refusal::Blocked);
         }
-        let (takes, fails) = match action.deed {
+        let (takes, fails) = match action.body_action {
             BodyAction::Turn(_) => (self.setup.params.turn_time, body.stuck),
             BodyAction::Attach => (self.setup.params.connect_time, self.joints.chance(self.failure)),
             BodyAction::Detach | BodyAction::LetGo => (self.setup.params.connect_time, false),
             BodyAction::Grip(_) => (self.setup.params.connect_time, self.joints.chance(self.failure)),
         };
-        self.deeds.started += 1;
+        self.action_counts.started += 1;
         self.order += 1;
         self.due.push(Reverse((now + takes, self.order, id)));
-        self.bodies[id.index()].under_way = Some(UnderWay { to, claimed, deed: action.deed, fails });
+        self.bodies[id.index()].under_way =
+            Some(UnderWay { to, claimed, body_action: action.body_action, fails });
         self.check_begin(now, id);
         self.check_torque(now, id);
         self.check_elements(now);
@@ -430,7 +431,9 @@ impl World for MetamoduleWorld {
             let Body { pose, grips, cells: _, incarnation, revision, contacts, under_way, stuck } = body;
             (pose, grips, incarnation, revision, contacts, stuck).hash(&mut hasher);
             let under_way = under_way.as_ref();
-            under_way.map(|UnderWay { to, claimed: _, deed, fails }| (to, deed, fails)).hash(&mut hasher);
+            under_way
+                .map(|UnderWay { to, claimed: _, body_action, fails }| (to, body_action, fails))
+                .hash(&mut hasher);
         }
         (&self.obstacles, due(&self.due), self.sessions, &self.joints).hash(&mut hasher);
         self.elements.iter().for_each(|element| element.hash(&mut hasher));
@@ -471,14 +474,14 @@ mod tests {
         Pose::standing(GridState::new(x, y, 0), posture)
     }
 
-    pub(super) fn act(world: &mut MetamoduleWorld, deed: BodyAction) -> Percept {
-        act_of(world, 0, deed)
+    pub(super) fn act(world: &mut MetamoduleWorld, body_action: BodyAction) -> Percept {
+        act_of(world, 0, body_action)
     }
 
-    pub(super) fn act_of(world: &mut MetamoduleWorld, of: u32, deed: BodyAction) -> Percept {
+    pub(super) fn act_of(world: &mut MetamoduleWorld, of: u32, body_action: BodyAction) -> Percept {
         let (now, id) = (world.due.peek().map_or(Time::ZERO, |Reverse((at, ..))| *at), ModuleId(of));
         let revision = world.bodies[id.index()].revision;
-        world.act(now, id, revision, &Action { deed, not_after: now });
+        world.act(now, id, revision, &Action { body_action, not_after: now });
         world.advance(Time(u64::MAX - 1));
         let percept = |(by, s)| if let (true, Sensed::Percept(p)) = (by == id, s) { Some(p) } else { None };
         std::iter::from_fn(|| world.poll()).filter_map(percept).last().unwrap()
@@ -488,8 +491,8 @@ mod tests {
     fn the_last_end_does_not_let_go_and_air_cannot_be_gripped() {
         let setup = setup();
         let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[upright(&setup, 3, 3)], 1);
-        for deed in [BodyAction::Detach, BodyAction::Attach, BodyAction::Turn(u16::MAX)] {
-            assert_eq!(act(&mut world, deed), Percept::Refused(Refusal::Impossible));
+        for body_action in [BodyAction::Detach, BodyAction::Attach, BodyAction::Turn(u16::MAX)] {
+            assert_eq!(act(&mut world, body_action), Percept::Refused(Refusal::Impossible));
         }
     }
 
@@ -513,7 +516,7 @@ mod tests {
             let mut cells = motions.cells(Pose { posture: to, ..from });
             cells.reverse();
             assert_eq!(world.cells(ModuleId(0)), cells, "the body is where it was, seen from its other end");
-            assert_eq!((world.deeds().moves, world.take_violations().len()), (1, 0));
+            assert_eq!((world.action_counts().moves, world.take_violations().len()), (1, 0));
         }
     }
 

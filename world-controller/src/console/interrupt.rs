@@ -52,9 +52,9 @@ impl Interrupt {
         let wanted = [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|s| *s != SIGHUP || !is_ignored(*s));
         let mut signals = Signals::new(wanted)?;
         let interrupt = Interrupt::default();
-        let taker = interrupt.clone();
+        let receiver = interrupt.clone();
         let thread = std::thread::Builder::new().name("signals".into());
-        thread.spawn(move || signals.forever().for_each(|signal| taker.take(signal)))?;
+        thread.spawn(move || signals.forever().for_each(|signal| receiver.take(signal)))?;
         *listening = Some(interrupt.clone());
         Ok(interrupt)
     }

@@ -7,7 +7,7 @@
 use super::Setup;
 use super::branch_lock::{BranchLock, Ports, ports};
 use super::message::{
-    Action, Deed, Denial, Failure, LockMessage, Message, Order, Percept, Refusal, Status, StepName,
+    Action, BodyAction, Denial, Failure, LockMessage, Message, Order, Percept, Refusal, Status, StepName,
     StepResult,
 };
 use super::place::{CONNECTORS, Place};
@@ -38,7 +38,7 @@ enum Stage {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Job {
     step: StepName,
-    deed: Deed,
+    body_action: BodyAction,
     not_after: Time,
     stage: Stage,
 }
@@ -122,10 +122,10 @@ impl LatticeModule {
             self.epoch = epoch;
             self.drop_job();
         }
-        if let Order::Step { step, deed, expect, not_after } = order {
+        if let Order::Step { step, body_action, expect, not_after } = order {
             let known = self.last.is_some_and(|(last, _)| last == step) && !self.has(Defect::FollowOldPlans);
             if !known && self.job.is_none() {
-                self.job = Some(Job { step, deed, not_after, stage: Stage::Waiting(now) });
+                self.job = Some(Job { step, body_action, not_after, stage: Stage::Waiting(now) });
                 if expect != (self.place.posture, self.place.closed) {
                     return self.finish(Err(Failure::Stale));
                 }
@@ -185,9 +185,9 @@ impl LatticeModule {
         if self.is_carried || self.lock.is_some() {
             return self.back_off(now);
         }
-        match job.deed {
-            Deed::Attach(_) | Deed::Detach(_) => self.act(job.not_after),
-            Deed::Turn { joint, .. } => self.ask(now, joint),
+        match job.body_action {
+            BodyAction::Attach(_) | BodyAction::Detach(_) => self.act(job.not_after),
+            BodyAction::Turn { joint, .. } => self.ask(now, joint),
         }
     }
 
@@ -195,8 +195,8 @@ impl LatticeModule {
         let Some(job) = &mut self.job else { return };
         job.stage = Stage::Acting;
         self.waits_for = None;
-        let Job { step, deed, .. } = *job;
-        self.outputs.push_back(Output::Act(Action { step, deed, not_after }));
+        let Job { step, body_action, .. } = *job;
+        self.outputs.push_back(Output::Act(Action { step, body_action, not_after }));
     }
 
     /// Asks all modules that the turn moves to keep still.
@@ -345,7 +345,7 @@ impl LatticeModule {
                 self.finish(Ok(()));
             }
             Percept::Failed => {
-                let is_turn = self.job.is_some_and(|job| matches!(job.deed, Deed::Turn { .. }));
+                let is_turn = self.job.is_some_and(|job| matches!(job.body_action, BodyAction::Turn { .. }));
                 self.finish(Err(if is_turn { Failure::Joint } else { Failure::Connection }));
             }
             Percept::Refused(Refusal::Blocked) => self.finish(Err(Failure::Blocked)),

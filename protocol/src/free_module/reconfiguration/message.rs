@@ -9,7 +9,7 @@ use crate::wire::{Decoder, Encoder, Wire, WireError};
 
 /// What one module does in a step of a plan. A connection is made, or given up, by both sides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Deed {
+pub enum BodyAction {
     /// Closes a connector, which faces another one.
     Attach(u8),
     /// Opens a connector.
@@ -23,28 +23,28 @@ pub enum Deed {
     },
 }
 
-impl Deed {
+impl BodyAction {
     const fn number(self) -> u8 {
         match self {
-            Deed::Attach(_) => 0,
-            Deed::Detach(_) => 1,
-            Deed::Turn { .. } => 2,
+            BodyAction::Attach(_) => 0,
+            BodyAction::Detach(_) => 1,
+            BodyAction::Turn { .. } => 2,
         }
     }
     fn encode(self, out: &mut Encoder) {
         out.u8(self.number());
         match self {
-            Deed::Attach(connector) | Deed::Detach(connector) => out.u8(connector),
-            Deed::Turn { joint, positive } => out.u8(2 * joint + u8::from(positive)),
+            BodyAction::Attach(connector) | BodyAction::Detach(connector) => out.u8(connector),
+            BodyAction::Turn { joint, positive } => out.u8(2 * joint + u8::from(positive)),
         }
     }
-    fn decode(from: &mut Decoder<'_>) -> Result<Deed, WireError> {
+    fn decode(from: &mut Decoder<'_>) -> Result<BodyAction, WireError> {
         let (number, what) = (from.u8()?, from.u8()?);
         match number {
-            0 if usize::from(what) < CONNECTORS => Ok(Deed::Attach(what)),
-            1 if usize::from(what) < CONNECTORS => Ok(Deed::Detach(what)),
-            2 if what < 6 => Ok(Deed::Turn { joint: what / 2, positive: what % 2 == 1 }),
-            _ => Err(WireError::Field("deed")),
+            0 if usize::from(what) < CONNECTORS => Ok(BodyAction::Attach(what)),
+            1 if usize::from(what) < CONNECTORS => Ok(BodyAction::Detach(what)),
+            2 if what < 6 => Ok(BodyAction::Turn { joint: what / 2, positive: what % 2 == 1 }),
+            _ => Err(WireError::Field("body_action")),
         }
     }
 }
@@ -84,7 +84,7 @@ pub enum Order {
         /// Its name.
         step: StepName,
         /// What to do.
-        deed: Deed,
+        body_action: BodyAction,
         /// The joint values and closed connectors for which it was planned.
         expect: (u8, u16),
         /// It does not begin later.
@@ -102,9 +102,9 @@ impl Wire for Order {
     fn encode(&self, out: &mut Encoder) {
         match self {
             Order::Hold { epoch } => out.u32(*epoch),
-            Order::Step { step, deed, expect: (posture, closed), not_after } => {
+            Order::Step { step, body_action, expect: (posture, closed), not_after } => {
                 step.encode(out);
-                deed.encode(out);
+                body_action.encode(out);
                 out.u8(*posture);
                 out.u16(*closed);
                 out.time(*not_after);
@@ -115,12 +115,13 @@ impl Wire for Order {
         match kind {
             16 => Ok(Order::Hold { epoch: from.u32()? }),
             17 => {
-                let (step, deed, posture) = (StepName::decode(from)?, Deed::decode(from)?, from.u8()?);
+                let (step, body_action, posture) =
+                    (StepName::decode(from)?, BodyAction::decode(from)?, from.u8()?);
                 if usize::from(posture) >= POSTURES {
                     return Err(WireError::Field("posture"));
                 }
                 let closed = connectors(from.u16()?)?;
-                Ok(Order::Step { step, deed, expect: (posture, closed), not_after: from.time()? })
+                Ok(Order::Step { step, body_action, expect: (posture, closed), not_after: from.time()? })
             }
             _ => Err(WireError::Kind(kind)),
         }
@@ -218,26 +219,26 @@ pub struct Action {
     /// The step that it carries out.
     pub step: StepName,
     /// What to do.
-    pub deed: Deed,
+    pub body_action: BodyAction,
     /// The body refuses to begin after this time.
     pub not_after: Time,
 }
 
 impl Wire for Action {
     fn kind(&self) -> u8 {
-        16 + self.deed.number()
+        16 + self.body_action.number()
     }
     fn encode(&self, out: &mut Encoder) {
         self.step.encode(out);
-        self.deed.encode(out);
+        self.body_action.encode(out);
         out.time(self.not_after);
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Action, WireError> {
-        let (step, deed) = (StepName::decode(from)?, Deed::decode(from)?);
-        if kind != 16 + deed.number() {
+        let (step, body_action) = (StepName::decode(from)?, BodyAction::decode(from)?);
+        if kind != 16 + body_action.number() {
             return Err(WireError::Kind(kind));
         }
-        Ok(Action { step, deed, not_after: from.time()? })
+        Ok(Action { step, body_action, not_after: from.time()? })
     }
 }
 

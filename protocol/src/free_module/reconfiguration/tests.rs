@@ -34,11 +34,18 @@ const STEP: StepName = StepName { epoch: 70_000, index: 300, attempt: 3 };
 
 #[test]
 fn messages_come_back_as_they_were() {
-    let deeds = [Deed::Attach(9), Deed::Detach(0), Deed::Turn { joint: 2, positive: true }];
+    let action_counts =
+        [BodyAction::Attach(9), BodyAction::Detach(0), BodyAction::Turn { joint: 2, positive: true }];
     comes_back(&[PLACE, Place::default()]);
-    comes_back(&deeds.map(|deed| Action { step: STEP, deed, not_after: Time(7) }));
-    let step = |deed| Order::Step { step: STEP, deed, expect: (35, 0x3ff), not_after: Time::NEVER };
-    comes_back(&[Order::Hold { epoch: 9 }, step(deeds[0]), step(deeds[1]), step(deeds[2])]);
+    comes_back(&action_counts.map(|body_action| Action { step: STEP, body_action, not_after: Time(7) }));
+    let step =
+        |body_action| Order::Step { step: STEP, body_action, expect: (35, 0x3ff), not_after: Time::NEVER };
+    comes_back(&[
+        Order::Hold { epoch: 9 },
+        step(action_counts[0]),
+        step(action_counts[1]),
+        step(action_counts[2]),
+    ]);
     let swing = Swing { pivot: Cell::new(1, -2, 3), axis: [1, -1, 1], degrees: -120 };
     comes_back(&[
         Percept::Done(PLACE),
@@ -67,8 +74,12 @@ fn impossible_fields_are_refused() {
     assert_eq!(wrong(Place { rotation: 24, ..PLACE }), Err(WireError::Field("rotation")));
     assert_eq!(wrong(Place { posture: 36, ..PLACE }), Err(WireError::Field("posture")));
     assert_eq!(wrong(Place { closed: 0x400, ..PLACE }), Err(WireError::Field("connectors")));
-    let turn = Action { step: STEP, deed: Deed::Turn { joint: 3, positive: false }, not_after: Time(0) };
-    assert_eq!(from_payload::<Action>(turn.kind(), &payload(&turn)), Err(WireError::Field("deed")));
+    let turn = Action {
+        step: STEP,
+        body_action: BodyAction::Turn { joint: 3, positive: false },
+        not_after: Time(0),
+    };
+    assert_eq!(from_payload::<Action>(turn.kind(), &payload(&turn)), Err(WireError::Field("body_action")));
 }
 
 #[test]
@@ -143,7 +154,7 @@ fn acts(outputs: &[Output<Message, Action, Status>]) -> Vec<StepName> {
 
 fn order(epoch: u32, index: u16) -> Order {
     let step = StepName { epoch, index, attempt: 0 };
-    Order::Step { step, deed: Deed::Attach(7), expect: (0, 0), not_after: Time::NEVER }
+    Order::Step { step, body_action: BodyAction::Attach(7), expect: (0, 0), not_after: Time::NEVER }
 }
 
 /// A repeated order is answered and not carried out again; one of an earlier epoch is ignored.

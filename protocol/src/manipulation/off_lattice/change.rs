@@ -8,7 +8,7 @@ use crate::manipulation::load::Limits;
 use crate::manipulation::scene::{Foothold, NO_SET, Scene};
 use crate::manipulation::terrain::world_cell;
 use crate::manipulation::transport::{Answer, Plan, Task, plan};
-use crate::manipulation::verification::Deed;
+use crate::manipulation::verification::BodyAction;
 use crate::manipulation::walking::{Body, Ground, Motion};
 use crate::roombots::Kind;
 use crate::roombots::database::Table;
@@ -169,8 +169,11 @@ fn with_change(
     let bring = Task { goal: held, ends, puts_down: true, ..task.clone() };
     let Answer::Plan(mut before) = plan(ground, &bring) else { return None };
     let mut bodies = moved(task.bodies.clone(), &before);
-    let mover =
-        before.actions.iter().rev().find_map(|a| matches!(a.deed, Deed::Grip { .. }).then_some(a.mover))?;
+    let mover = before
+        .actions
+        .iter()
+        .rev()
+        .find_map(|a| matches!(a.body_action, BodyAction::Grip { .. }).then_some(a.mover))?;
     // The same cells may be filled by several postures, which turns of the head distinguish.
     let carry = &scene.carry()[0];
     let others = (0..bodies.len()).filter(|i| *i != mover);
@@ -183,8 +186,8 @@ fn with_change(
         |step: usize| !carry.steps()[step].swept.meets(&blocked) && scene.is_within_limits(foothold, 0, step);
     for (step, to) in carry.path(bodies[mover].posture, change.from, passes)? {
         let degrees = crate::manipulation::walking::degrees_of(usize::from(carry.steps()[step].joint));
-        let deed = Deed::Move(Motion::Turn { to, degrees });
-        before.actions.push(crate::manipulation::verification::Action { mover, deed });
+        let body_action = BodyAction::Move(Motion::Turn { to, degrees });
+        before.actions.push(crate::manipulation::verification::Action { mover, body_action });
     }
     let inverse = scene.pose(foothold).inverse();
     let near: Vec<Cell> = others.iter().map(|c| world_cell(inverse, *c)).collect();
@@ -207,10 +210,10 @@ fn with_change(
 /// Returns where the metamodules stand after a plan.
 fn moved(mut bodies: Vec<Body>, plan: &Plan) -> Vec<Body> {
     for action in &plan.actions {
-        match action.deed {
-            Deed::Move(Motion::Turn { to, .. }) => bodies[action.mover].posture = to,
-            Deed::Move(Motion::Land(body)) => bodies[action.mover] = body,
-            Deed::Grip { .. } | Deed::LetGo => {}
+        match action.body_action {
+            BodyAction::Move(Motion::Turn { to, .. }) => bodies[action.mover].posture = to,
+            BodyAction::Move(Motion::Land(body)) => bodies[action.mover] = body,
+            BodyAction::Grip { .. } | BodyAction::LetGo => {}
         }
     }
     bodies

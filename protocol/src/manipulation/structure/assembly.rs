@@ -8,7 +8,7 @@ use crate::manipulation::colour::colours_differ;
 use crate::manipulation::load::Peak;
 use crate::manipulation::scene::Hold;
 use crate::manipulation::transport::{Answer, Plan, Reason as TransportReason, Task, plan as search};
-use crate::manipulation::verification::{Action, Deed, Situation};
+use crate::manipulation::verification::{Action, BodyAction, Situation};
 use crate::manipulation::walking::{Body, Motion};
 use crate::plan::and_or::{Disassembly, Items, Refusal, Removal, Stuck, disassemble, precedence};
 use std::collections::BTreeMap;
@@ -36,13 +36,15 @@ pub struct Placed {
 impl Placed {
     /// Returns the number of landings and grips.
     pub fn connections(&self) -> u32 {
-        let is = |a: &&Action| matches!(a.deed, Deed::Move(Motion::Land(_)) | Deed::Grip { .. });
+        let is = |a: &&Action| {
+            matches!(a.body_action, BodyAction::Move(Motion::Land(_)) | BodyAction::Grip { .. })
+        };
         self.actions.iter().filter(is).count() as u32
     }
     /// Returns the number of steps of joints, and the sum of their angles in degrees.
     pub fn turns(&self) -> (u32, u32) {
-        let angle = |a: &Action| match a.deed {
-            Deed::Move(Motion::Turn { degrees, .. }) => Some(u32::from(degrees)),
+        let angle = |a: &Action| match a.body_action {
+            BodyAction::Move(Motion::Turn { degrees, .. }) => Some(u32::from(degrees)),
             _ => None,
         };
         let angles: Vec<u32> = self.actions.iter().filter_map(angle).collect();
@@ -267,12 +269,12 @@ impl<'a> Course<'a, '_> {
     fn note(&mut self, actions: &[Action], placed: &mut Placed) {
         for action in actions {
             let (number, body) = &mut self.free[action.mover];
-            match action.deed {
-                Deed::Move(Motion::Turn { to, .. }) => body.posture = to,
-                Deed::Move(Motion::Land(there)) => *body = there,
-                Deed::Grip { .. } | Deed::LetGo => {}
+            match action.body_action {
+                BodyAction::Move(Motion::Turn { to, .. }) => body.posture = to,
+                BodyAction::Move(Motion::Land(there)) => *body = there,
+                BodyAction::Grip { .. } | BodyAction::LetGo => {}
             }
-            placed.actions.push(Action { mover: *number, deed: action.deed });
+            placed.actions.push(Action { mover: *number, body_action: action.body_action });
         }
     }
 
@@ -315,7 +317,7 @@ impl<'a> Course<'a, '_> {
         let is_here =
             |(hold, posture): &(Hold, u16)| (hold.foothold, *posture) == (body.foothold, body.posture);
         if let Some((hold, posture)) = self.structure.holds(piece, seat).find(is_here) {
-            placed.actions.push(Action { mover: *number, deed: Deed::Grip { grip: hold.grip } });
+            placed.actions.push(Action { mover: *number, body_action: BodyAction::Grip { grip: hold.grip } });
             placed.peak = placed.peak.max(self.structure.pieces[piece].standing(hold, posture));
         }
     }
@@ -342,7 +344,7 @@ impl<'a> Course<'a, '_> {
         placed.peak = placed.peak.max(self.peak(piece, &plan));
         self.note(&plan.actions, placed);
         self.pieces[piece].clone_from(&task.goal);
-        let grips = |a: &&Action| matches!(a.deed, Deed::Grip { .. });
+        let grips = |a: &&Action| matches!(a.body_action, BodyAction::Grip { .. });
         let Some(last) = plan.actions.iter().rev().find(grips).map(|a| a.mover) else { return Ok(()) };
         let seats: Vec<usize> = self.seated.keys().copied().collect();
         seats.into_iter().for_each(|seat| self.grip(piece, seat, placed));
@@ -351,7 +353,7 @@ impl<'a> Course<'a, '_> {
             self.seated.insert(seat, (number, body));
             return Ok(());
         }
-        placed.actions.push(Action { mover: self.free[last].0, deed: Deed::LetGo });
+        placed.actions.push(Action { mover: self.free[last].0, body_action: BodyAction::LetGo });
         placed.hand_overs += 1;
         Ok(())
     }
@@ -384,8 +386,8 @@ impl<'a> Course<'a, '_> {
         let mut holder: Option<(usize, u8)> = None;
         let mut peak = Peak::default();
         for action in &plan.actions {
-            match action.deed {
-                Deed::Move(Motion::Turn { to, .. }) => {
+            match action.body_action {
+                BodyAction::Move(Motion::Turn { to, .. }) => {
                     if let Some((_, grip)) = holder.filter(|(mover, _)| *mover == action.mover) {
                         let carry = &of.scene.carry()[usize::from(grip)];
                         let step = carry.step_between(postures[action.mover], to);
@@ -394,9 +396,9 @@ impl<'a> Course<'a, '_> {
                     }
                     postures[action.mover] = to;
                 }
-                Deed::Move(Motion::Land(body)) => postures[action.mover] = body.posture,
-                Deed::Grip { grip } => holder = Some((action.mover, grip)),
-                Deed::LetGo => holder = holder.filter(|(mover, _)| *mover != action.mover),
+                BodyAction::Move(Motion::Land(body)) => postures[action.mover] = body.posture,
+                BodyAction::Grip { grip } => holder = Some((action.mover, grip)),
+                BodyAction::LetGo => holder = holder.filter(|(mover, _)| *mover != action.mover),
             }
         }
         peak

@@ -240,7 +240,7 @@ impl Structure {
             }
             for link in scene.links(at.foothold).iter().filter(|l| ground.exists(l.to)) {
                 for way in link.ways_from(&at) {
-                    let to = Hold { foothold: link.to, grip: way.taker.0, set: way.taker.1 };
+                    let to = Hold { foothold: link.to, grip: way.receiver.0, set: way.receiver.1 };
                     if seen.insert(to) {
                         open.push_back(to);
                     }

@@ -23,14 +23,14 @@ pub enum BodyAction {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Action {
     /// What to do.
-    pub deed: BodyAction,
+    pub body_action: BodyAction,
     /// The body refuses to begin after this time.
     pub not_after: Time,
 }
 
 impl Wire for Action {
     fn kind(&self) -> u8 {
-        match self.deed {
+        match self.body_action {
             BodyAction::Turn(_) => 16,
             BodyAction::Attach => 17,
             BodyAction::Detach => 18,
@@ -40,7 +40,7 @@ impl Wire for Action {
     }
     fn encode(&self, out: &mut Encoder) {
         out.time(self.not_after);
-        match self.deed {
+        match self.body_action {
             BodyAction::Turn(step) => out.u16(step),
             BodyAction::Grip(load) => load.encode(out),
             BodyAction::Attach | BodyAction::Detach | BodyAction::LetGo => {}
@@ -48,7 +48,7 @@ impl Wire for Action {
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Action, WireError> {
         let not_after = from.time()?;
-        let deed = match kind {
+        let body_action = match kind {
             16 => BodyAction::Turn(from.u16()?),
             17 => BodyAction::Attach,
             18 => BodyAction::Detach,
@@ -56,7 +56,7 @@ impl Wire for Action {
             20 => BodyAction::LetGo,
             _ => return Err(WireError::Kind(kind)),
         };
-        Ok(Action { deed, not_after })
+        Ok(Action { body_action, not_after })
     }
 }
 

@@ -93,8 +93,8 @@ fn everything_survives_the_wire() {
     let load = Load::of_grip(200).unwrap();
     let (grip, let_go) = (BodyAction::Grip(load), BodyAction::LetGo);
     round_trip(&Pose { load, ..p });
-    for deed in [BodyAction::Turn(4031), BodyAction::Attach, BodyAction::Detach, grip, let_go] {
-        round_trip(&Action { deed, not_after: Time(77) });
+    for body_action in [BodyAction::Turn(4031), BodyAction::Attach, BodyAction::Detach, grip, let_go] {
+        round_trip(&Action { body_action, not_after: Time(77) });
     }
     use Refusal::{Blocked, Busy, Impossible, Late, Stale};
     for why in [Blocked, Late, Stale, Busy, Impossible] {

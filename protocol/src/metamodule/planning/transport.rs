@@ -7,7 +7,7 @@ use crate::manipulation::load::Peak;
 use crate::manipulation::scene::{Foothold, Scene, hand_overs};
 use crate::manipulation::terrain::Terrain;
 use crate::manipulation::transport::{Answer, Reason, Task, plan as search};
-use crate::manipulation::verification::{Action, Deed};
+use crate::manipulation::verification::{Action, BodyAction};
 use crate::manipulation::walking::{Body, Ground, Motion};
 use crate::metamodule::params::Setup;
 use crate::metamodule::pose::{Load, Pose, to_world};
@@ -31,7 +31,7 @@ pub const TRANSPORT_WORK: usize = 2_000_000;
 
 /// What one metamodule does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TransportDeed {
+pub enum TransportAction {
     /// It turns to a posture; with an element, by one step.
     Turn(u16),
     /// It turns to a posture and lands.
@@ -50,7 +50,7 @@ pub struct TransportStep {
     /// Its pose afterwards.
     pub to: Pose,
     /// What it does.
-    pub deed: TransportDeed,
+    pub action: TransportAction,
 }
 
 /// A plan for one element.
@@ -237,29 +237,33 @@ pub fn foot(pose: Pose) -> LatticePose {
 fn steps_of(at: &Standstill, loads: &[Load], actions: &[Action]) -> Option<(Vec<TransportStep>, Peak)> {
     let (setup, mut poses) = (&at.setup, at.free.clone());
     let (mut steps, mut peak): (Vec<TransportStep>, Peak) = (Vec::new(), Peak::default());
-    for Action { mover, deed } in actions {
+    for Action { mover, body_action } in actions {
         let from = poses[*mover];
-        let (to, deed) = match deed {
-            Deed::Move(Motion::Turn { to, .. }) => (Pose { posture: *to, ..from }, TransportDeed::Turn(*to)),
-            Deed::Move(Motion::Land(_)) => {
-                (setup.motions.turned_around(from)?, TransportDeed::Land(from.posture))
+        let (to, action) = match body_action {
+            BodyAction::Move(Motion::Turn { to, .. }) => {
+                (Pose { posture: *to, ..from }, TransportAction::Turn(*to))
             }
-            Deed::Grip { grip } => {
+            BodyAction::Move(Motion::Land(_)) => {
+                (setup.motions.turned_around(from)?, TransportAction::Land(from.posture))
+            }
+            BodyAction::Grip { grip } => {
                 let load = *loads.get(usize::from(*grip))?;
-                (Pose { load, ..from }, TransportDeed::Handle(load))
+                (Pose { load, ..from }, TransportAction::Handle(load))
             }
-            Deed::LetGo => (Pose { load: Load::NONE, ..from }, TransportDeed::Handle(Load::NONE)),
+            BodyAction::LetGo => (Pose { load: Load::NONE, ..from }, TransportAction::Handle(Load::NONE)),
         };
         poses[*mover] = to;
-        if let (TransportDeed::Turn(posture), true) = (deed, from.load != Load::NONE) {
+        if let (TransportAction::Turn(posture), true) = (action, from.load != Load::NONE) {
             peak = peak.max(setup.carried_step(from, posture)?.peak);
         }
-        let is_walk = from.load == Load::NONE && !matches!(deed, TransportDeed::Handle(_));
+        let is_walk = from.load == Load::NONE && !matches!(action, TransportAction::Handle(_));
         match steps.last_mut() {
-            Some(last) if is_walk && last.body == *mover && matches!(last.deed, TransportDeed::Turn(_)) => {
-                (last.to, last.deed) = (to, deed);
+            Some(last)
+                if is_walk && last.body == *mover && matches!(last.action, TransportAction::Turn(_)) =>
+            {
+                (last.to, last.action) = (to, action);
             }
-            _ => steps.push(TransportStep { body: *mover, from, to, deed }),
+            _ => steps.push(TransportStep { body: *mover, from, to, action }),
         }
     }
     Some((steps, peak))
@@ -286,11 +290,11 @@ pub fn put_back(at: &Standstill, body: usize) -> Option<Vec<TransportStep>> {
     let (mut from, mut steps) = (pose, Vec::new());
     for (_, posture) in path {
         let to = Pose { posture, ..from };
-        steps.push(TransportStep { body, from, to, deed: TransportDeed::Turn(posture) });
+        steps.push(TransportStep { body, from, to, action: TransportAction::Turn(posture) });
         from = to;
     }
     let to = Pose { load: Load::NONE, ..from };
-    steps.push(TransportStep { body, from, to, deed: TransportDeed::Handle(Load::NONE) });
+    steps.push(TransportStep { body, from, to, action: TransportAction::Handle(Load::NONE) });
     Some(steps)
 }
 

@@ -8,7 +8,7 @@
 use super::cooperative::Standstill;
 use super::paths::Ground;
 use super::transport::{
-    Scenes, Transport, TransportAnswer, TransportDeed, TransportStep, is_at_goal, plan_transport,
+    Scenes, Transport, TransportAction, TransportAnswer, TransportStep, is_at_goal, plan_transport,
 };
 use crate::lattice::Cell;
 use crate::manipulation::load::Peak;
@@ -69,7 +69,7 @@ pub fn plan_transports(
     order: &[usize],
     scenes: &mut Scenes,
 ) -> Transports {
-    let mut course = Course {
+    let mut course = Schedule {
         at: at.clone(),
         elements: elements.to_vec(),
         seated: vec![false; at.free.len()],
@@ -92,7 +92,7 @@ pub fn plan_transports(
 }
 
 /// How far the plan is.
-struct Course {
+struct Schedule {
     /// The standstill, with poses as they will be.
     at: Standstill,
     elements: Vec<ElementNow>,
@@ -105,21 +105,21 @@ struct Course {
     last_of: Vec<Option<usize>>,
 }
 
-impl Course {
+impl Schedule {
     fn bring(&mut self, element: usize, scenes: &mut Scenes) {
         if self.elements[element].is_pinned {
             return self.found.failed.push((element, None));
         }
         let holders = self.elements[element].holders.clone();
         // Of several holders one keeps the element, and the others let go.
-        let keepers: Vec<Option<usize>> = match holders.as_slice() {
+        let candidates: Vec<Option<usize>> = match holders.as_slice() {
             [] => vec![None],
             holders => holders.iter().copied().map(Some).collect(),
         };
         let mut reason = None;
-        for keeper in keepers {
-            let let_go: Vec<usize> = holders.iter().copied().filter(|h| Some(*h) != keeper).collect();
-            let bodies = self.bodies_for(element, keeper);
+        for holder in candidates {
+            let let_go: Vec<usize> = holders.iter().copied().filter(|h| Some(*h) != holder).collect();
+            let bodies = self.bodies_for(element, holder);
             let mut standstill = self.standstill(element, &bodies);
             for body in let_go.iter().filter_map(|h| bodies.iter().position(|b| b == h)) {
                 standstill.free[body].load = Load::NONE;
@@ -153,12 +153,12 @@ impl Course {
     fn let_go(&self, body: usize) -> TransportStep {
         let from = self.at.free[body];
         let to = Pose { load: Load::NONE, ..from };
-        TransportStep { body, from, to, deed: TransportDeed::Handle(Load::NONE) }
+        TransportStep { body, from, to, action: TransportAction::Handle(Load::NONE) }
     }
 
     /// Returns the metamodules that a transport may use: the one that keeps the element and its other holders, and those
     /// that hold nothing and are nearest to it.
-    fn bodies_for(&self, element: usize, keeper: Option<usize>) -> Vec<usize> {
+    fn bodies_for(&self, element: usize, holder: Option<usize>) -> Vec<usize> {
         let of = &self.elements[element];
         let goal = self.at.setup.elements.all()[element].goal(self.at.task.goal);
         let near = |pose: &Pose, cells: &[Cell]| {
@@ -172,7 +172,7 @@ impl Course {
         if free.len() > WHOLE_SWARM {
             free.sort_by_key(|i| {
                 let pose = &self.at.free[*i];
-                let is_holder = Some(*i) == keeper || of.holders.contains(i);
+                let is_holder = Some(*i) == holder || of.holders.contains(i);
                 (!is_holder, near(pose, &of.cells) + near(pose, goal) / 2, *i)
             });
             free.truncate(MAX_BODIES.max(of.holders.len()));
@@ -226,7 +226,7 @@ impl Course {
     fn make(&mut self, element: usize, step: &TransportStep) {
         self.at.free[step.body] = step.to;
         let of = &mut self.elements[element];
-        if let TransportDeed::Handle(load) = step.deed {
+        if let TransportAction::Handle(load) = step.action {
             of.holders.retain(|h| *h != step.body);
             of.holders.extend((load != Load::NONE).then_some(step.body));
         }
@@ -239,12 +239,12 @@ impl Course {
     fn cells_of(&self, element: usize, step: &TransportStep) -> BTreeSet<Cell> {
         let setup = &self.at.setup;
         let mut cells: BTreeSet<Cell> = setup.occupied(step.from).chain(setup.occupied(step.to)).collect();
-        match step.deed {
-            TransportDeed::Handle(_) => cells.extend(&self.elements[element].cells),
-            TransportDeed::Turn(posture) if step.from.load != Load::NONE => {
+        match step.action {
+            TransportAction::Handle(_) => cells.extend(&self.elements[element].cells),
+            TransportAction::Turn(posture) if step.from.load != Load::NONE => {
                 cells.extend(setup.carried_step(step.from, posture).map(|s| s.cells).unwrap_or_default());
             }
-            TransportDeed::Turn(posture) | TransportDeed::Land(posture) => {
+            TransportAction::Turn(posture) | TransportAction::Land(posture) => {
                 let others = self.at.free.iter().enumerate().filter(|(i, _)| *i != step.body);
                 let others = others.flat_map(|(_, pose)| setup.motions.cells(*pose));
                 let elements = self.elements.iter().flat_map(|e| e.cells.iter().copied());

@@ -11,7 +11,7 @@ use metamorph_protocol::assembly::configuration::Configuration;
 use metamorph_protocol::assembly::space::Assembly;
 use metamorph_protocol::free_module::reconfiguration::Setup;
 use metamorph_protocol::free_module::reconfiguration::message::{
-    Deed, Failure, Order, Status, StepName, StepResult,
+    BodyAction, Failure, Order, Status, StepName, StepResult,
 };
 use metamorph_protocol::free_module::reconfiguration::place::{Place, configuration};
 use metamorph_protocol::free_module::reconfiguration::planning::{Frozen, Plan, Planned, Planner};
@@ -117,7 +117,7 @@ struct Sent {
 #[derive(Clone, Copy, Debug)]
 struct Side {
     id: ModuleId,
-    deed: Deed,
+    body_action: BodyAction,
     expect: (u8, u16),
     attempt: u8,
     sent: Option<Sent>,
@@ -300,13 +300,13 @@ impl PlanExecution {
             };
             let can_act = |(module, _): (u8, u8)| frozen.dead >> module & 1 == 0;
             // A connector that a dead module holds stays so; then the other side holds as well.
-            let (site, deed) = match (can_act(held), can_act(free)) {
-                (true, _) => (held, Deed::Detach(held.1)),
-                (false, true) => (free, Deed::Attach(free.1)),
+            let (site, body_action) = match (can_act(held), can_act(free)) {
+                (true, _) => (held, BodyAction::Detach(held.1)),
+                (false, true) => (free, BodyAction::Attach(free.1)),
                 (false, false) => return,
             };
             let place = places[usize::from(site.0)];
-            let side = Side::new(site.0, deed, (place.posture, place.closed));
+            let side = Side::new(site.0, body_action, (place.posture, place.closed));
             steps.push(Step { sides: vec![side], after: Vec::new(), done: false });
         });
         steps
@@ -370,16 +370,18 @@ impl PlanExecution {
         let mut at = *start;
         let mut steps = Vec::new();
         for (action, after) in plan.actions.iter().zip(&plan.after) {
-            let deeds = match *action {
-                Action::Attach(pair) => [pair.a, pair.b].map(|(m, c)| (m, Deed::Attach(c))).to_vec(),
-                Action::Detach(pair) => [pair.a, pair.b].map(|(m, c)| (m, Deed::Detach(c))).to_vec(),
-                Action::Turn { module, joint, positive } => vec![(module, Deed::Turn { joint, positive })],
+            let action_counts = match *action {
+                Action::Attach(pair) => [pair.a, pair.b].map(|(m, c)| (m, BodyAction::Attach(c))).to_vec(),
+                Action::Detach(pair) => [pair.a, pair.b].map(|(m, c)| (m, BodyAction::Detach(c))).to_vec(),
+                Action::Turn { module, joint, positive } => {
+                    vec![(module, BodyAction::Turn { joint, positive })]
+                }
             };
-            let side = |(module, deed): (u8, Deed)| {
+            let side = |(module, body_action): (u8, BodyAction)| {
                 let m = at.modules()[usize::from(module)];
-                Side::new(module, deed, (m.posture, m.held))
+                Side::new(module, body_action, (m.posture, m.held))
             };
-            let sides = deeds.into_iter().map(side).collect();
+            let sides = action_counts.into_iter().map(side).collect();
             steps.push(Step { sides, after: after.clone(), done: false });
             at = rules.apply(&at, *action).expect("invariant: the planner followed this action");
         }
@@ -410,7 +412,8 @@ impl PlanExecution {
                     Some(_) => continue,
                 };
                 let step = StepName { epoch, index: index as u16, attempt: side.attempt };
-                let order = Order::Step { step, deed: side.deed, expect: side.expect, not_after };
+                let order =
+                    Order::Step { step, body_action: side.body_action, expect: side.expect, not_after };
                 orders.push_back(Command::Order(side.id, order));
             }
         }
@@ -480,8 +483,8 @@ impl PlanExecution {
 }
 
 impl Side {
-    fn new(module: u8, deed: Deed, expect: (u8, u16)) -> Side {
-        Side { id: ModuleId(module.into()), deed, expect, attempt: 0, sent: None, done: false }
+    fn new(module: u8, body_action: BodyAction, expect: (u8, u16)) -> Side {
+        Side { id: ModuleId(module.into()), body_action, expect, attempt: 0, sent: None, done: false }
     }
 }
 

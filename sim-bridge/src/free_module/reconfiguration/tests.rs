@@ -17,7 +17,9 @@ use metamorph_protocol::assembly::named;
 use metamorph_protocol::assembly::space::{Goal, Objective};
 use metamorph_protocol::defects::Defect;
 use metamorph_protocol::free_module::reconfiguration::Setup;
-use metamorph_protocol::free_module::reconfiguration::message::{Action, Deed, Percept, Refusal, StepName};
+use metamorph_protocol::free_module::reconfiguration::message::{
+    Action, BodyAction, Percept, Refusal, StepName,
+};
 use metamorph_protocol::free_module::reconfiguration::place::Place;
 use metamorph_protocol::free_module::reconfiguration::planning::Planner;
 use metamorph_protocol::ids::{ModuleId, Revision};
@@ -212,11 +214,11 @@ fn world(types: &'static [u8]) -> FreeModuleWorld {
     FreeModuleWorld::new(setup, physics, &start, 1)
 }
 
-fn act(world: &mut FreeModuleWorld, module: u32, index: u16, deed: Deed) {
+fn act(world: &mut FreeModuleWorld, module: u32, index: u16, body_action: BodyAction) {
     let step = StepName { epoch: 1, index, attempt: 0 };
     let id = ModuleId(module);
     let revision = world.revision(id);
-    world.act(Time::ZERO, id, revision, &Action { step, deed, not_after: Time::NEVER });
+    world.act(Time::ZERO, id, revision, &Action { step, body_action, not_after: Time::NEVER });
 }
 
 fn percepts(world: &mut FreeModuleWorld) -> Vec<(u32, Percept)> {
@@ -231,7 +233,7 @@ fn fired(world: &mut FreeModuleWorld) -> Vec<Invariant> {
     all
 }
 
-const BEND: Deed = Deed::Turn { joint: 1, positive: true };
+const BEND: BodyAction = BodyAction::Turn { joint: 1, positive: true };
 
 #[test]
 fn a_turn_carries_all_modules_behind_the_joint() {
@@ -258,9 +260,11 @@ fn a_turn_carries_all_modules_behind_the_joint() {
 fn bodies_refuse_what_is_not_possible() {
     let mut world = world(&[0]);
     let closed = world.place(ModuleId(0)).closed.trailing_zeros() as u8;
-    for deed in [Deed::Detach(closed), Deed::Attach(closed), Deed::Attach(4), Deed::Detach(4)] {
-        act(&mut world, 0, 0, deed);
-        assert_eq!(percepts(&mut world), [(0, Percept::Refused(Refusal::Impossible))], "{deed:?}");
+    for body_action in
+        [BodyAction::Detach(closed), BodyAction::Attach(closed), BodyAction::Attach(4), BodyAction::Detach(4)]
+    {
+        act(&mut world, 0, 0, body_action);
+        assert_eq!(percepts(&mut world), [(0, Percept::Refused(Refusal::Impossible))], "{body_action:?}");
     }
     act(&mut world, 0, 1, BEND);
     act(&mut world, 0, 2, BEND);
@@ -303,7 +307,7 @@ fn no_turn_while_pending_fires_in_the_world() {
     let mut world = world(&[0, 0]);
     let of = |world: &mut FreeModuleWorld, first, second| {
         act(world, first, 0, BEND);
-        act(world, second, 1, Deed::Turn { joint: 0, positive: true });
+        act(world, second, 1, BodyAction::Turn { joint: 0, positive: true });
         percepts(world);
         fired(world)
     };

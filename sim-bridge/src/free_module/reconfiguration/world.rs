@@ -15,7 +15,9 @@ use metamorph_protocol::assembly::checker::{
 };
 use metamorph_protocol::assembly::collision::Model;
 use metamorph_protocol::digest::Portable;
-use metamorph_protocol::free_module::reconfiguration::message::{Action, Deed, Percept, Refusal, Swing};
+use metamorph_protocol::free_module::reconfiguration::message::{
+    Action, BodyAction, Percept, Refusal, Swing,
+};
 use metamorph_protocol::free_module::reconfiguration::place::{CONNECTORS, Place};
 use metamorph_protocol::free_module::reconfiguration::{LatticeModule, Setup};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
@@ -267,10 +269,10 @@ impl FreeModuleWorld {
     }
 
     /// Returns what a turn moves, if the body is able to do the action.
-    fn judge(&self, id: ModuleId, deed: Deed) -> Result<Option<Turn>, Refusal> {
+    fn judge(&self, id: ModuleId, body_action: BodyAction) -> Result<Option<Turn>, Refusal> {
         let module = id.index();
-        match deed {
-            Deed::Attach(connector) => {
+        match body_action {
+            BodyAction::Attach(connector) => {
                 let site = (module, Connector::ALL[usize::from(connector)]);
                 let partner = self.state.partner(site).ok_or(Refusal::Impossible)?;
                 let passive = self.physics.active && !site.1.is_active() && !partner.1.is_active();
@@ -280,22 +282,22 @@ impl FreeModuleWorld {
                     (false, None) => Ok(None),
                 }
             }
-            Deed::Detach(connector) => {
+            BodyAction::Detach(connector) => {
                 let site = (module, Connector::ALL[usize::from(connector)]);
                 let mut rest = self.state.clone();
                 rest.held.retain(|held| !self.is_opening(*held) && held.0 != site && held.1 != site);
                 let parts = rest.whole().is_err();
                 if !self.is_closed(site) || parts { Err(Refusal::Impossible) } else { Ok(None) }
             }
-            Deed::Turn { joint, positive } => self.turn(module, joint.into(), positive).map(Some),
+            BodyAction::Turn { joint, positive } => self.turn(module, joint.into(), positive).map(Some),
         }
     }
 
     /// Returns true if a side of a connection is opening.
     fn is_opening(&self, (a, b): (Site, Site)) -> bool {
         [a, b].into_iter().any(|(module, connector)| {
-            let deed = self.bodies[module].under_way.as_ref().map(|u| u.action.deed);
-            deed == Some(Deed::Detach(connector as u8))
+            let body_action = self.bodies[module].under_way.as_ref().map(|u| u.action.body_action);
+            body_action == Some(BodyAction::Detach(connector as u8))
         })
     }
 
@@ -338,17 +340,17 @@ impl FreeModuleWorld {
 
     fn complete(&mut self, now: Time, id: ModuleId) {
         let Some(UnderWay { action, fails, turn }) = self.bodies[id.index()].under_way.take() else { return };
-        let moved = match (action.deed, &turn) {
+        let moved = match (action.body_action, &turn) {
             _ if fails => false,
-            (Deed::Turn { .. }, Some(turn)) => self.turned(now, id, turn),
-            (Deed::Attach(connector), _) => {
+            (BodyAction::Turn { .. }, Some(turn)) => self.turned(now, id, turn),
+            (BodyAction::Attach(connector), _) => {
                 self.attached((id.index(), Connector::ALL[usize::from(connector)]))
             }
-            (Deed::Detach(connector), _) => {
+            (BodyAction::Detach(connector), _) => {
                 self.detached((id.index(), Connector::ALL[usize::from(connector)]));
                 true
             }
-            (Deed::Turn { .. }, None) => false,
+            (BodyAction::Turn { .. }, None) => false,
         };
         for module in turn.iter().flat_map(|turn| &turn.moving) {
             self.bodies[*module].carried_by = None;
@@ -449,19 +451,19 @@ impl World for FreeModuleWorld {
             return self.refuse(id, Refusal::Late);
         }
         let stuck = body.stuck;
-        let turn = match self.judge(id, action.deed) {
+        let turn = match self.judge(id, action.body_action) {
             Ok(turn) => turn,
             Err(why) => return self.refuse(id, why),
         };
-        let (takes, fails) = match action.deed {
-            Deed::Turn { .. } => (self.setup.turn_time, stuck),
-            Deed::Attach(_) => (self.setup.connect_time, self.joints.chance(self.failure)),
-            Deed::Detach(_) => (self.setup.connect_time, false),
+        let (takes, fails) = match action.body_action {
+            BodyAction::Turn { .. } => (self.setup.turn_time, stuck),
+            BodyAction::Attach(_) => (self.setup.connect_time, self.joints.chance(self.failure)),
+            BodyAction::Detach(_) => (self.setup.connect_time, false),
         };
         self.counts.started += 1;
         self.order += 1;
         self.due.push(Reverse((now + takes, self.order, id)));
-        if let Deed::Attach(connector) | Deed::Detach(connector) = action.deed {
+        if let BodyAction::Attach(connector) | BodyAction::Detach(connector) = action.body_action {
             let site = (id.index(), Connector::ALL[usize::from(connector)]);
             self.pending.extend(self.state.partner(site).map(|partner| pair(site, partner)));
         }

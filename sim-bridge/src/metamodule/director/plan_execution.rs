@@ -27,7 +27,7 @@ use metamorph_protocol::metamodule::planning::centralized::{
 };
 use metamorph_protocol::metamodule::planning::cooperative::{Standstill, WORK};
 use metamorph_protocol::metamodule::planning::transport::{
-    Scenes, TRANSPORT_WORK, TransportDeed, TransportStep, facing, is_at_goal, missing_bonds, put_back,
+    Scenes, TRANSPORT_WORK, TransportAction, TransportStep, facing, is_at_goal, missing_bonds, put_back,
 };
 use metamorph_protocol::metamodule::planning::transports::{
     ElementNow as PlannedElement, OrderedStep, plan_transports,
@@ -396,10 +396,10 @@ impl PlanExecution {
         let step = |OrderedStep { step, after, fills }: OrderedStep| {
             let (id, TransportStep { from, to, .. }) = (ids[step.body], step);
             let turns = |posture, lands| Instruction::Move { mover: id, from, posture, lands };
-            let instruction = match step.deed {
-                TransportDeed::Turn(posture) => turns(posture, false),
-                TransportDeed::Land(posture) => turns(posture, true),
-                TransportDeed::Handle(load) => Instruction::Handle { mover: id, from, load },
+            let instruction = match step.action {
+                TransportAction::Turn(posture) => turns(posture, false),
+                TransportAction::Land(posture) => turns(posture, true),
+                TransportAction::Handle(load) => Instruction::Handle { mover: id, from, load },
             };
             Step { id, instruction, after, fills, to, due: None, done: false }
         };

@@ -45,14 +45,14 @@ impl MetamoduleWorld {
         }
         let elements = &self.setup.elements;
         for body in &mut self.bodies {
-            if let Some(UnderWay { deed: BodyAction::Grip(load), fails, .. }) = &mut body.under_way {
+            if let Some(UnderWay { body_action: BodyAction::Grip(load), fails, .. }) = &mut body.under_way {
                 *fails |= elements.of(*load) == Some(element);
             }
         }
         self.elements[element].fallen = true;
-        self.deeds.drops += 1;
+        self.action_counts.drops += 1;
         let (cells, on) = self.fall(element);
-        self.deeds.drops_on_bodies += u64::from(on.is_some());
+        self.action_counts.drops_on_bodies += u64::from(on.is_some());
         Drop::Fell { from, cells, on }
     }
 

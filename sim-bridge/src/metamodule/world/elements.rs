@@ -85,13 +85,13 @@ impl MetamoduleWorld {
 
     /// Returns true if another metamodule than `id` holds the element, and has not begun to let it go.
     fn has_other_holder(&self, id: ModuleId, element: usize) -> bool {
-        let lets_go = |of: &Body| of.under_way.as_ref().is_some_and(|u| u.deed == BodyAction::LetGo);
+        let lets_go = |of: &Body| of.under_way.as_ref().is_some_and(|u| u.body_action == BodyAction::LetGo);
         self.holders(element).any(|other| other != id && !lets_go(&self.bodies[other.index()]))
     }
     /// Returns true if the element must not move: another metamodule than `id` holds it or is gripping it.
     fn is_fastened(&self, id: ModuleId, element: usize) -> bool {
         let grips = |of: &Body| match of.under_way {
-            Some(UnderWay { deed: BodyAction::Grip(load), .. }) => {
+            Some(UnderWay { body_action: BodyAction::Grip(load), .. }) => {
                 self.setup.elements.of(load) == Some(element)
             }
             _ => false,
@@ -137,15 +137,15 @@ impl MetamoduleWorld {
     }
 
     /// Counts what a refusal has prevented.
-    pub(super) fn count_prevented(&mut self, id: ModuleId, deed: BodyAction) {
+    pub(super) fn count_prevented(&mut self, id: ModuleId, body_action: BodyAction) {
         let pose = self.bodies[id.index()].pose;
-        match deed {
-            BodyAction::LetGo if pose.load != Load::NONE => self.deeds.drops_prevented += 1,
+        match body_action {
+            BodyAction::LetGo if pose.load != Load::NONE => self.action_counts.drops_prevented += 1,
             BodyAction::Turn(number) => {
                 let to = self.setup.motions.graph().step(pose.posture, number).map(|(to, _)| to);
                 let step = to.and_then(|to| self.setup.carried_step(pose, to));
                 let too_much = step.is_some_and(|s| !s.peak.within(self.setup.elements.limits()));
-                self.deeds.overloads_prevented += u64::from(too_much);
+                self.action_counts.overloads_prevented += u64::from(too_much);
             }
             _ => {}
         }
@@ -157,7 +157,7 @@ impl MetamoduleWorld {
         let all = self.setup.elements.all().iter().enumerate();
         let away = all.filter(|(e, passive)| passive.goals.iter().all(|goal| goal != self.element(*e)));
         let under_way = away.filter(|(e, _)| is_held(e)).count() as u64;
-        self.deeds.under_way_at_most = self.deeds.under_way_at_most.max(under_way);
+        self.action_counts.under_way_at_most = self.action_counts.under_way_at_most.max(under_way);
     }
 
     /// Moves the element along with its holder.
@@ -165,7 +165,7 @@ impl MetamoduleWorld {
         if let Some((element, cells)) = self.setup.held(self.bodies[id.index()].pose) {
             self.elements[element].set(cells, &self.setup);
             let was_fallen = std::mem::replace(&mut self.elements[element].fallen, false);
-            self.deeds.recovered += u64::from(was_fallen);
+            self.action_counts.recovered += u64::from(was_fallen);
         }
     }
 
@@ -187,7 +187,7 @@ impl MetamoduleWorld {
         let rests = *fallen || (holders.is_empty() && self.setup.rests(cells));
         let held = element_held(&holders.iter().map(in_place).collect::<Vec<_>>(), rests);
         let turning =
-            |of: &&&Body| of.under_way.as_ref().is_some_and(|u| matches!(u.deed, BodyAction::Turn(_)));
+            |of: &&&Body| of.under_way.as_ref().is_some_and(|u| matches!(u.body_action, BodyAction::Turn(_)));
         let chain = closed_chain(holders.len(), holders.iter().filter(turning).count());
         let kept = element_colour((passive.start.len(), *expected), (cells.len(), odd(cells)));
         let bodies = self.bodies.iter().flat_map(|b| b.cells);
@@ -210,7 +210,7 @@ impl MetamoduleWorld {
         let Some(under_way) = &body.under_way else { return };
         let step = self.setup.carried_step(body.pose, under_way.to.posture);
         let limits = self.setup.elements.limits();
-        let is_step = matches!(under_way.deed, BodyAction::Turn(_)) && body.pose.load != Load::NONE;
+        let is_step = matches!(under_way.body_action, BodyAction::Turn(_)) && body.pose.load != Load::NONE;
         if is_step && let Err(what) = torque(step.map(|s| s.peak), limits) {
             self.violate(TORQUE, now, format!("module {id}: {what}"));
         }
@@ -302,10 +302,10 @@ mod tests {
         assert_eq!(world.element(0), held(&CUBE, world.pose(ModuleId(0))));
         if world.element(0) != start {
             assert_eq!(act_of(&mut world, 0, BodyAction::LetGo), IMPOSSIBLE, "it would fall");
-            assert_eq!(world.deeds().drops_prevented, 1);
+            assert_eq!(world.action_counts().drops_prevented, 1);
         }
         let back = step(&CUBE, world.pose(ModuleId(0))).unwrap();
-        assert!(matches!(act_of(&mut world, 0, back), Percept::Done(_)) || world.deeds().carries > 0);
+        assert!(matches!(act_of(&mut world, 0, back), Percept::Done(_)) || world.action_counts().carries > 0);
         assert_eq!(fired(&mut world), []);
     }
 
@@ -330,7 +330,7 @@ mod tests {
         let carry = step(&CUBE, other).unwrap();
         assert_eq!(act_of(&mut world, 0, carry), IMPOSSIBLE);
         assert!(matches!(act_of(&mut world, 0, BodyAction::LetGo), Percept::Done(p) if p.load == Load::NONE));
-        assert_eq!((world.deeds().hand_overs, world.deeds().let_go), (1, 1));
+        assert_eq!((world.action_counts().hand_overs, world.action_counts().let_go), (1, 1));
         fired(&mut world);
     }
 
@@ -340,7 +340,7 @@ mod tests {
         let mut world = gripped(&with_cube(250, weak));
         let carry = step(&CUBE, world.pose(ModuleId(0))).unwrap();
         assert_eq!(act_of(&mut world, 0, carry), IMPOSSIBLE);
-        assert_eq!(world.deeds().overloads_prevented, 1);
+        assert_eq!(world.action_counts().overloads_prevented, 1);
     }
 
     /// Each invariant fires when the world is spoilt behind the back of the interlock.
@@ -366,15 +366,16 @@ mod tests {
         let turns = |world: &mut MetamoduleWorld| {
             let pose = world.bodies[0].pose;
             world.bodies[1].pose = pose;
-            let deed = BodyAction::Turn(0);
-            world.bodies[0].under_way = Some(UnderWay { to: pose, claimed: Vec::new(), deed, fails: false });
+            let body_action = BodyAction::Turn(0);
+            world.bodies[0].under_way =
+                Some(UnderWay { to: pose, claimed: Vec::new(), body_action, fails: false });
         };
         assert!(spoilt(turns).contains(&CLOSED_CHAIN));
         let mut world = gripped(&CUBE);
         let pose = world.bodies[0].pose;
         let to = Pose { posture: pose.posture, ..pose };
-        let deed = BodyAction::Turn(0);
-        world.bodies[0].under_way = Some(UnderWay { to, claimed: Vec::new(), deed, fails: false });
+        let body_action = BodyAction::Turn(0);
+        world.bodies[0].under_way = Some(UnderWay { to, claimed: Vec::new(), body_action, fails: false });
         world.check_torque(Time::ZERO, ModuleId(0));
         assert_eq!(fired(&mut world), [TORQUE]);
     }

@@ -64,7 +64,7 @@ impl MetamoduleWorld {
     /// Checks that a body grips the floor; while an end lets go, with the other end.
     fn check_grips(&mut self, now: Time, id: ModuleId) {
         let body = &self.bodies[id.index()];
-        let lets_go = body.under_way.as_ref().is_some_and(|u| u.deed == BodyAction::Detach);
+        let lets_go = body.under_way.as_ref().is_some_and(|u| u.body_action == BodyAction::Detach);
         let floor = |x, y| self.setup.floor.has(x, y);
         let mut ends = Vec::new();
         if body.grips[body.pose.end as usize] && !lets_go {
@@ -148,10 +148,10 @@ mod tests {
     fn a_step_into_another_body_fires_when_it_begins() {
         let setup = setup();
         let from = upright(&setup, 6, 6);
-        let (deed, cell) = step(&setup, from);
+        let (body_action, cell) = step(&setup, from);
         let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[from, upright(&setup, 1, 1)], 1);
         world.claims.set(cell, Some(Occupant::Body(ModuleId(1))));
-        assert!(matches!(act(&mut world, deed), Percept::Done(_)));
+        assert!(matches!(act(&mut world, body_action), Percept::Done(_)));
         assert_eq!(fired(&mut world).first(), Some(&ONE_MODULE_PER_CELL));
     }
 
@@ -159,17 +159,17 @@ mod tests {
     fn a_failed_step_is_checked_where_it_began() {
         let setup = setup();
         let from = upright(&setup, 6, 6);
-        let (deed, _) = step(&setup, from);
+        let (body_action, _) = step(&setup, from);
         let fails = |spoil: fn(&mut MetamoduleWorld)| {
             let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[from], 1);
             world.set_stuck(ModuleId(0), true);
             let revision = world.bodies[0].revision;
-            let action = Action { deed, not_after: Time::ZERO };
+            let action = Action { body_action, not_after: Time::ZERO };
             world.act(Time::ZERO, ModuleId(0), revision, &action);
             assert_eq!(fired(&mut world), []);
             spoil(&mut world);
             world.advance(Time(u64::MAX - 1));
-            assert_eq!(world.deeds().failed, 1);
+            assert_eq!(world.action_counts().failed, 1);
             fired(&mut world)
         };
         assert_eq!(fails(|_| {}), []);
@@ -185,11 +185,11 @@ mod tests {
     fn swept_cells_are_released() {
         let setup = setup();
         let from = upright(&setup, 6, 6);
-        let (deed, _) = step(&setup, from);
+        let (body_action, _) = step(&setup, from);
         for stuck in [false, true] {
             let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[from], 1);
             world.set_stuck(ModuleId(0), stuck);
-            act(&mut world, deed);
+            act(&mut world, body_action);
             assert_eq!(fired(&mut world), []);
             let all = (-9..20).flat_map(|x| (-9..20).flat_map(move |y| (-9..20).map(move |z| (x, y, z))));
             let claimed = all.filter(|(x, y, z)| world.claims.get(Cell::new(*x, *y, *z)).is_some()).count();

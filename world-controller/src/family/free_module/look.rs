@@ -7,7 +7,7 @@ use crate::view::parts::{Displacement, Motion, Part, Segment, Shape, Step, Tone,
 use crate::view::visible::{ActionOutcome, Colour, ModuleView, Role, Stage, Targets, Visible, Words};
 use metamorph_protocol::assembly::tables::TABLES;
 use metamorph_protocol::free_module::reconfiguration::message::{
-    Action, Deed, Denial, LockMessage, Message, Order, Percept, Status, Swing,
+    Action, BodyAction, Denial, LockMessage, Message, Order, Percept, Status, Swing,
 };
 use metamorph_protocol::free_module::reconfiguration::place::Place;
 use metamorph_protocol::free_module::reconfiguration::{LatticeModule, Setup};
@@ -102,16 +102,16 @@ impl Visible for LatticeModule {
     fn motion(setup: &Setup, from: &Place, action: &Action) -> Option<(Motion, Place)> {
         let still =
             |name: &str| Motion { takes: setup.connect_time, name: name.to_owned(), segments: Vec::new() };
-        Some(match action.deed {
-            Deed::Attach(connector) => {
+        Some(match action.body_action {
+            BodyAction::Attach(connector) => {
                 let closed = from.closed | 1 << connector;
                 (still("closes a connector"), Place { closed, ..*from })
             }
-            Deed::Detach(connector) => {
+            BodyAction::Detach(connector) => {
                 let closed = from.closed & !(1 << connector);
                 (still("opens a connector"), Place { closed, ..*from })
             }
-            Deed::Turn { joint, positive } => {
+            BodyAction::Turn { joint, positive } => {
                 let (axis, pivot) = from.axis(joint);
                 let step = if joint == 1 { 90 } else { 120 };
                 let degrees = if positive { step } else { -step };
@@ -204,7 +204,7 @@ mod tests {
                 for (joint, positive) in [(0, true), (0, false), (1, true), (1, false), (2, true)] {
                     let action = Action {
                         step: StepName::default(),
-                        deed: Deed::Turn { joint, positive },
+                        body_action: BodyAction::Turn { joint, positive },
                         not_after: Time::ZERO,
                     };
                     let world = World { robots: vec![from.robot()], held: BTreeSet::new() };

@@ -3,18 +3,18 @@
 use crate::run::replay::words::{Worded, at, waiting};
 use metamorph_protocol::free_module::reconfiguration::LatticeModule;
 use metamorph_protocol::free_module::reconfiguration::message::{
-    Action, Deed, Failure, Order, Percept, Refusal, Status, StepName, StepResult,
+    Action, BodyAction, Failure, Order, Percept, Refusal, Status, StepName, StepResult,
 };
 use metamorph_protocol::free_module::reconfiguration::place::Place;
 use metamorph_protocol::roombots::connector::Connector;
 use metamorph_protocol::time::Time;
 
-fn deed(deed: Deed) -> String {
+fn body_action(body_action: BodyAction) -> String {
     let name = |connector: u8| Connector::ALL[usize::from(connector)];
-    match deed {
-        Deed::Attach(connector) => format!("close {}", name(connector)),
-        Deed::Detach(connector) => format!("open {}", name(connector)),
-        Deed::Turn { joint, positive } => {
+    match body_action {
+        BodyAction::Attach(connector) => format!("close {}", name(connector)),
+        BodyAction::Detach(connector) => format!("open {}", name(connector)),
+        BodyAction::Turn { joint, positive } => {
             let step = if joint == 1 { 90 } else { 120 };
             format!("turn joint {} by {}{step}°", joint + 1, if positive { "+" } else { "-" })
         }
@@ -51,7 +51,7 @@ impl Worded for LatticeModule {
         format!("{}, joints at {a}°, {b}°, {c}°, closed: {closed}", place.cell)
     }
     fn action(action: &Action) -> String {
-        format!("{} ({}){}", deed(action.deed), step(action.step), by(action.not_after))
+        format!("{} ({}){}", body_action(action.body_action), step(action.step), by(action.not_after))
     }
     fn percept(percept: &Percept) -> String {
         match percept {
@@ -79,8 +79,8 @@ impl Worded for LatticeModule {
     fn order(order: &Order) -> String {
         match order {
             Order::Hold { epoch } => format!("hold for plan {epoch}"),
-            Order::Step { step: name, deed: what, not_after, .. } => {
-                format!("{}: {}{}", step(*name), deed(*what), by(*not_after))
+            Order::Step { step: name, body_action: what, not_after, .. } => {
+                format!("{}: {}{}", step(*name), body_action(*what), by(*not_after))
             }
         }
     }

@@ -125,7 +125,7 @@ impl Visible for Metamodule {
         let (params, motions) = (&setup.params, &setup.motions);
         let still =
             |name: &str| Motion { takes: params.connect_time, name: name.to_owned(), segments: Vec::new() };
-        match action.deed {
+        match action.body_action {
             BodyAction::Turn(number) => {
                 let (posture, _) = motions.graph().step(from.posture, number)?;
                 Some((turn(setup, from, posture)?, Pose { posture, ..*from }))
@@ -285,7 +285,7 @@ mod tests {
                 let (class, end) = (turns % 4, if turns % 2 == 0 { End::Foot } else { End::Head });
                 let state = GridState::new(2, -3, class as u8);
                 let from = Pose { end, ..Pose::standing(state, i as u16) };
-                let action = Action { deed: BodyAction::Turn(number as u16), not_after: Time::ZERO };
+                let action = Action { body_action: BodyAction::Turn(number as u16), not_after: Time::ZERO };
                 let Some((_, to)) = Metamodule::motion(&setup, &from, &action) else { continue };
                 let after = table.postures()[usize::from(to.posture)].posture;
                 let world = LatticeRotation::QUARTER.power(state.class).matrix();
@@ -328,7 +328,7 @@ mod tests {
         for posture in 0..setup.motions.table().postures().len() as u16 {
             for end in [End::Foot, End::Head] {
                 let from = Pose { end, both: true, ..Pose::standing(GridState::new(-1, 6, 3), posture) };
-                let action = Action { deed: BodyAction::Detach, not_after: Time::ZERO };
+                let action = Action { body_action: BodyAction::Detach, not_after: Time::ZERO };
                 let Some((motion, to)) = Metamodule::motion(&setup, &from, &action) else { continue };
                 assert_eq!((motion.segments, to.end), (Vec::new(), end.other()));
                 let [before, after] = [from, to].map(|pose| seen(&Metamodule::at_rest(&setup, &pose)));

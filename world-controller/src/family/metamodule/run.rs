@@ -24,7 +24,7 @@ fn elements_report(
     director: &MetamoduleDirector,
     world: &MetamoduleWorld,
 ) -> Option<ElementsReport> {
-    let (all, deeds, goal) = (setup.elements.all(), world.deeds(), director.task().goal);
+    let (all, action_counts, goal) = (setup.elements.all(), world.action_counts(), director.task().goal);
     let placed = all.iter().enumerate().filter(|(e, of)| world.element(*e) == of.goal(goal)).count();
     let pinned: Vec<PinnedReport> = director
         .pinned(world)
@@ -42,15 +42,15 @@ fn elements_report(
         placed: placed as u64,
         on_the_way: (all.len() - placed - pinned.len()) as u64,
         pinned,
-        hand_overs: deeds.hand_overs,
-        grips: deeds.grips,
-        carries: deeds.carries,
-        drops_prevented: deeds.drops_prevented,
-        overloads_prevented: deeds.overloads_prevented,
-        drops: deeds.drops,
-        drops_on_bodies: deeds.drops_on_bodies,
-        drops_recovered: deeds.recovered,
-        under_way_at_most: deeds.under_way_at_most,
+        hand_overs: action_counts.hand_overs,
+        grips: action_counts.grips,
+        carries: action_counts.carries,
+        drops_prevented: action_counts.drops_prevented,
+        overloads_prevented: action_counts.overloads_prevented,
+        drops: action_counts.drops,
+        drops_on_bodies: action_counts.drops_on_bodies,
+        drops_recovered: action_counts.recovered,
+        under_way_at_most: action_counts.under_way_at_most,
     })
 }
 
@@ -92,7 +92,7 @@ impl Runnable for Metamodules {
     }
     fn account(&self, plan: &Plan, director: &MetamoduleDirector, world: &MetamoduleWorld) -> RunResult {
         let (crashed, restarted) = director.crashed_and_restarted();
-        let (deeds, progress) = (world.deeds(), director.progress());
+        let (action_counts, progress) = (world.action_counts(), director.progress());
         let (task, filled) = (director.task(), director.filled());
         let mut seeds = 0u8..;
         let levels = self.setup.goal(task).levels().iter().map(|seeds_of_it| {
@@ -100,13 +100,17 @@ impl Runnable for Metamodules {
             LevelReport { seeds: u64::from(*seeds_of_it), filled: filled as u64 }
         });
         let bodies = MoveReport {
-            started: deeds.started,
-            completed: deeds.turns + deeds.moves + deeds.released + deeds.grips + deeds.let_go,
-            failed: deeds.failed,
-            refused_taken: deeds.blocked,
-            refused_late: deeds.late,
-            refused_stale: deeds.stale,
-            refused_impossible: deeds.impossible,
+            started: action_counts.started,
+            completed: action_counts.turns
+                + action_counts.moves
+                + action_counts.released
+                + action_counts.grips
+                + action_counts.let_go,
+            failed: action_counts.failed,
+            refused_taken: action_counts.blocked,
+            refused_late: action_counts.late,
+            refused_stale: action_counts.stale,
+            refused_impossible: action_counts.impossible,
         };
         RunResult {
             ended: director.outcome(),
@@ -122,16 +126,16 @@ impl Runnable for Metamodules {
             struck: director.struck().to_vec(),
             prevented: director.prevented(),
             stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),
-            moves: deeds.moves,
+            moves: action_counts.moves,
             family_part: Some(report::part(
                 &MetamoduleReport {
                     kind: self.setup.kind().name().to_owned(),
                     strategy: self.setup.params.strategy.name().to_owned(),
                     levels: levels.collect(),
                     shift: task.shift.into(),
-                    turns: deeds.turns,
-                    connections: deeds.moves,
-                    releases: deeds.released,
+                    turns: action_counts.turns,
+                    connections: action_counts.moves,
+                    releases: action_counts.released,
                     last_fill_s: director.last_fill().as_secs_f64(),
                     plan: director.plan_counts().map(|p| PlanReport {
                         plans: p.plans,
@@ -156,10 +160,15 @@ impl Runnable for Metamodules {
     }
     fn last_check(world: &mut MetamoduleWorld, now: Time) -> (Vec<Violation>, u64) {
         world.check_all(now);
-        let deeds = world.deeds();
+        let action_counts = world.action_counts();
         // Space and grips at the start and end of each action, and of every body once at the end.
-        let ended = deeds.turns + deeds.moves + deeds.released + deeds.grips + deeds.let_go + deeds.failed;
-        let checks = (deeds.started + ended + world.len() as u64) * 2;
+        let ended = action_counts.turns
+            + action_counts.moves
+            + action_counts.released
+            + action_counts.grips
+            + action_counts.let_go
+            + action_counts.failed;
+        let checks = (action_counts.started + ended + world.len() as u64) * 2;
         (world.take_violations(), checks)
     }
 }

@@ -24,8 +24,8 @@ impl Worded for Metamodule {
         let holds = if pose.load == Load::NONE { "" } else { ", with an element" };
         format!("({x}, {y}), turned {turned}°, {end}, in posture {}{holds}", pose.posture)
     }
-    fn action(Action { deed, not_after }: &Action) -> String {
-        let how = match deed {
+    fn action(Action { body_action, not_after }: &Action) -> String {
+        let how = match body_action {
             BodyAction::Turn(step) => format!("turn a joint (step {step} of its posture)"),
             BodyAction::Attach => "grip with its free end".to_owned(),
             BodyAction::Detach => "release one end".to_owned(),

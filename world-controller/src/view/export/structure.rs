@@ -374,6 +374,7 @@ mod tests {
             at: Time::ZERO,
             bodies: cells.iter().map(body).collect(),
             obstacles: Vec::new(),
+            elements: BTreeMap::new(),
             goal: Vec::new(),
             gradient: Vec::new(),
             messages: Vec::new(),

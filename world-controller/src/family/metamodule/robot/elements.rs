@@ -118,7 +118,7 @@ pub fn handover(database: &Database, args: &HandoverArgs) -> Result<Answer, Robo
     let carry = &tables[0];
     let found = HandoverTable::new(database.table(args.kind), &cube, carry, carry);
     let text = format!(
-        "{}: {} pairs of postures hold a cube at different ports, the taker's foot on the same floor or on a wall \
+        "{}: {} pairs of postures hold a cube at different ports, the receiver's foot on the same floor or on a wall \
          above it\n{} of them do not collide\n{} relative foot poses, {} of them on the same floor\n",
         args.kind,
         count(found.examined),
