@@ -141,6 +141,9 @@ levels = [[
 ]]
 [protocol]
 strategy = "planned"
+[[fault]]
+drop = 0
+at = "30s"
 "#;
 
 /// Every table that metamodules can have besides.
@@ -222,7 +225,7 @@ fn validator() -> Validator {
 /// lists there because they would make another kind of table of it.
 fn tables() -> Vec<(&'static str, &'static str, &'static str, Vec<&'static str>)> {
     let shared = ["kill", "pause", "restart", "stick", "crash", "partition"];
-    let verbs = [&shared[..], &["kill_host", "pause_host", "cut", "obstacle", "controller"]].concat();
+    let verbs = [&shared[..], &["kill_host", "pause_host", "cut", "obstacle", "drop", "controller"]].concat();
     let fault = |verb: &str| verbs.iter().copied().filter(|other| *other != verb).collect();
     vec![
         (CUBES, "", "", vec![]),
@@ -266,6 +269,7 @@ fn tables() -> Vec<(&'static str, &'static str, &'static str, Vec<&'static str>)
         (METAMODULES, "fault.0.", "obstacle", fault("obstacle")),
         (ELEMENTS, "swarm.element.0.", "element", vec![]),
         (ELEMENTS, "swarm.element.0.at.", "lying", vec![]),
+        (ELEMENTS, "fault.0.", "drop", fault("drop")),
         (FREE_MODULES, "swarm.", "free-moduleSwarm", vec![]),
         (FREE_MODULES, "goal.0.", "free-moduleGoal", vec![]),
         (FREE_MODULES, "protocol.", "free-moduleProtocol", vec![]),
