@@ -191,6 +191,7 @@ fn bad_elements_are_refused_with_place_reason_and_fix() {
         ),
         (with("count = 5", "count = 5\ncommunication_range = 9"), &["hear each other", "at least 12"]),
         (with("shape = \"plate3x3\"\n", ""), &["shape", "[[swarm.element]]"]),
+        (format!("{text}\n[[fault]]\ndrop = 1\nat = \"9s\"\n"), &["no element 1; the swarm has 1"]),
     ] {
         refused(&text, &["check", "{}"], parts);
     }

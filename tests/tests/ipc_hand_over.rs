@@ -171,7 +171,7 @@ fn a_cube_stays_held_although_one_of_a_hand_over_is_killed() {
 /// directory, are left out.
 #[test]
 #[ignore = "takes about an hour; it goes on where it was interrupted"]
-fn a_cube_stays_held_whoever_is_killed_whenever() {
+fn a_cube_stays_held_at_every_kill() {
     let done = Path::new(env!("CARGO_TARGET_TMPDIR")).join("hand-over-kills.txt");
     let before = fs::read_to_string(&done).unwrap_or_default();
     let mut file = fs::OpenOptions::new().create(true).append(true).open(&done).unwrap();

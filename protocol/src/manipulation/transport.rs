@@ -41,7 +41,7 @@ pub struct Task {
     pub ends: Option<Vec<[Cell; 4]>>,
     /// The element may be put down on the floor on the way.
     pub puts_down: bool,
-    /// The element rests at the goal in the end, and nobody holds it. Then it may be put down on the way as well.
+    /// The element rests at the goal in the end, and is not held. Then it may be put down on the way as well.
     pub rests: bool,
     /// Cells that nothing may enter, besides those behind the planes.
     pub fixed: Vec<Cell>,

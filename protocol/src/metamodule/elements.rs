@@ -74,7 +74,7 @@ pub struct Elements {
     all: Vec<PassiveElement>,
     grips: Vec<ElementGrip>,
     tables: Vec<GripTable>,
-    /// By element and goal of the swarm, whether nobody holds it there.
+    /// By element and goal of the swarm, whether it is not held there.
     lying: Vec<Vec<bool>>,
     limits: Limits,
 }
@@ -86,7 +86,7 @@ impl Elements {
 
     /// Generates the tables of all elements. Of each, the grips are those that a metamodule in one of the `heads` of a goal
     /// has when the element is where that goal has it, since tables of large elements have hundreds of kilobytes each. An
-    /// element that nobody holds at any goal has its first eight grips.
+    /// element that is not held at any goal has its first eight grips.
     pub fn new(
         database: &Database,
         kind: Kind,

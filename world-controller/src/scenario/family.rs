@@ -204,6 +204,10 @@ pub trait SwarmPlan: Any + fmt::Debug + Send + Sync {
     fn contacts(&self) -> Option<Vec<(ModuleId, ModuleId)>> {
         None
     }
+    /// Returns why a fault of the world cannot hit this target; `None` if it can.
+    fn no_target(&self, _: &Target) -> Option<ScenarioError> {
+        None
+    }
     /// Writes its description for `metamorph check`.
     fn describe(&self, plan: &Plan, out: &mut String) -> fmt::Result;
     /// Returns the family's terms, for reports for people.

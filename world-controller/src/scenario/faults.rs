@@ -3,7 +3,7 @@
 
 use super::diagnostics::{At, Diagnostics, Place};
 use super::error::ScenarioError;
-use super::family::{ScenarioFamily, SectionKind, WorldFaultKind, fault_keys};
+use super::family::{ScenarioFamily, SectionKind, Swarm, WorldFaultKind, fault_keys};
 use super::hosts::{self, Pair};
 use super::schema::{Definitions, fault, for_good, natural, of, or, said, table};
 use super::table::{Node, Read, Section, Window, elements, span, span_range};
@@ -65,7 +65,7 @@ pub enum RawFault {
         /// The kind of fault, and that of its end.
         kinds: (&'static WorldFault, Option<&'static WorldFault>),
         /// What it hits.
-        target: Target,
+        target: At<Target>,
         /// Start of the fault.
         from: At<Span>,
         /// End of the fault.
@@ -268,7 +268,7 @@ fn read_world(
 ) -> Option<RawFault> {
     let from = section.need("at", "at = \"2s\"", diagnostics);
     let until = kind.end.and_then(|_| section.get("until", diagnostics));
-    let target = (kind.target)(target, diagnostics);
+    let target = (kind.target)(target, diagnostics).map(|read| At::new(read, target.span()));
     Some(RawFault::World { kinds: (kind.begin, kind.end), target: target?, from: from?, until })
 }
 
@@ -327,6 +327,8 @@ pub struct Bounds<'h> {
     pub hosts: Option<&'h Hosts>,
     /// The latest end of the run.
     pub timeout: Span,
+    /// The swarm, if it could be read: it knows what of its world can be hit.
+    pub swarm: Option<&'h Swarm>,
 }
 
 /// A fault that has passed every check.
@@ -468,8 +470,12 @@ pub fn compile(faults: &[RawFault], bounds: &Bounds<'_>, diagnostics: &mut Diagn
             }
             RawFault::World { kinds: (first, second), target, from, until } => {
                 let (begin, end) = bounds.span(from, until.as_ref(), diagnostics);
-                planned.push(Planned::At(begin, Fault::World(first, *target)));
-                planned.extend(end.zip(*second).map(|(at, end)| Planned::At(at, Fault::World(end, *target))));
+                if let Some(error) = bounds.swarm.and_then(|swarm| swarm.no_target(&target.value)) {
+                    diagnostics.add(target.place.clone(), error);
+                }
+                planned.push(Planned::At(begin, Fault::World(first, target.value)));
+                let end = end.zip(*second);
+                planned.extend(end.map(|(at, end)| Planned::At(at, Fault::World(end, target.value))));
             }
             RawFault::Crashes { amount, window, place } => {
                 let Window(from, until) = window.value;

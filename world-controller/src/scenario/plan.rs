@@ -52,7 +52,8 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
     if draft.modules > 0 {
         let mut hosts = hosts(raw, overrides.link, &link, (speed, &draft), diagnostics);
         let timeout = stop.timeout.since(Time::ZERO);
-        let bounds = Bounds { modules: draft.modules, hosts: hosts.as_ref(), timeout };
+        let swarm = draft.swarm.as_ref();
+        let bounds = Bounds { modules: draft.modules, hosts: hosts.as_ref(), timeout, swarm };
         let mut compiled = faults::compile(&raw.faults, &bounds, diagnostics);
         let commands = commands::check(&raw.commands, &bounds, diagnostics);
         compiled.planned.extend(commands.into_iter().map(Planned::Command));

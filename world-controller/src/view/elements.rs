@@ -104,7 +104,7 @@ mod tests {
         assert_eq!(elements.all()[0].hold, Hold::Shared);
         assert!(elements.carried(a, None));
         assert_eq!(elements.all()[0].hold, Hold::Held);
-        assert!(elements.fell(0, "top: it fell 2 cells") && !elements.fell(0, "top: nobody held it"));
+        assert!(elements.fell(0, "top: it fell 2 cells") && !elements.fell(0, "top: it was not held"));
         assert_eq!(elements.all(), [ElementView { cells: cell(1), hold: Hold::Fallen }]);
         assert!(!elements.fell(7, "it fell 1 cells"));
     }

@@ -60,7 +60,7 @@ pub struct Site {
 /// The grips that are looked at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Grips {
-    /// Those of metamodules in seats, with the elements at their goals; all of an element that nobody holds there.
+    /// Those of metamodules in seats, with the elements at their goals; all of an element that is not held there.
     OfSeats,
     /// All.
     All,

@@ -86,7 +86,7 @@ pub struct Transport<'a> {
     pub cells: &'a [Cell],
     /// The cells of its goal, sorted.
     pub goal: &'a [Cell],
-    /// True if it lies at its goal in the end, and nobody holds it.
+    /// True if it lies at its goal in the end, and is not held.
     pub lies: bool,
 }
 

@@ -29,7 +29,7 @@ impl MetamoduleDirector {
             return format!("there is no element {element}");
         };
         match world.drop_element(element) {
-            Drop::NotHeld => format!("{name}: nobody held it"),
+            Drop::NotHeld => format!("{name}: it was not held"),
             Drop::Fell { from, cells, on } => {
                 // Where the dead are is told with what they hold.
                 self.untold.extend(from.iter().filter(|id| self.dead.contains(id)));

@@ -134,6 +134,14 @@ pub enum MetamoduleError {
         "no metamodule in a seed holds {0} at its goal: no head faces one of its ports, and it does not lie on the floor"
     )]
     ElementNoHead(String),
+    /// A fault hits an element that the swarm does not have.
+    #[error("there is no element {element}; the swarm has {elements}, counted from 0")]
+    NoSuchElement {
+        /// Its number.
+        element: u16,
+        /// How many there are.
+        elements: usize,
+    },
     /// Metamodules that carry might not hear each other.
     #[error("two metamodules may meet with {name} before they hear each other")]
     ElementRange {
@@ -205,6 +213,10 @@ impl MetamoduleError {
             MetamoduleError::ElementColour(_) => "move its goal, or its start, by one cell".into(),
             MetamoduleError::ElementNoHead(_) => {
                 "put its goal next to the head of a seed or on the floor, or add a seed".into()
+            }
+            MetamoduleError::NoSuchElement { elements: 0, .. } => "add a [[swarm.element]] table".into(),
+            MetamoduleError::NoSuchElement { elements, .. } => {
+                format!("name an element from 0 to {}", elements - 1)
             }
             MetamoduleError::ElementRange { needed, .. } => {
                 format!("set `communication_range` in [swarm] to at least {needed}")

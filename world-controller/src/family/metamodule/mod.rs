@@ -38,7 +38,7 @@ use metamorph_protocol::metamodule::params::{Floor, Setup};
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::metamodule::start::draw_start;
 use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::director::faults::WorldFault;
+use metamorph_sim_bridge::director::faults::{Target, WorldFault};
 use metamorph_sim_bridge::metamodule::faults::COMMANDS;
 use scenario::RawMetamodules;
 use std::fmt;
@@ -153,6 +153,12 @@ impl SwarmPlan for Metamodules {
         let mut swarm = self.clone();
         Arc::make_mut(&mut swarm.setup).params.defect = defect;
         Swarm::new(swarm)
+    }
+    fn no_target(&self, target: &Target) -> Option<ScenarioError> {
+        let elements = self.setup.elements.all().len();
+        let Target::Element(element) = *target else { return None };
+        (usize::from(element) >= elements)
+            .then(|| MetamoduleError::NoSuchElement { element, elements }.into())
     }
     fn contacts(&self) -> Option<Vec<(ModuleId, ModuleId)>> {
         let range = self.setup.params.communication_range;
