@@ -2,6 +2,7 @@
 //! how to repeat the run. The file loads nothing, and `maud` escapes everything that comes from outside.
 
 use super::Words;
+use super::hosts::HostsReport;
 use super::human::{commanded, proved};
 use super::over_time::{Layer, Mark, areas};
 use super::schema::{Report, Standstill, Waiting};
@@ -54,6 +55,7 @@ pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin]) -> String {
         (over_time(report, words, width.as_secs_f64(), bins))
         (messages(report))
         (numbers(report, words))
+        (hosts(report))
         (faults(report))
         h2 { "Scenario" }
         pre { (plan.text) }
@@ -245,6 +247,23 @@ fn numbers(report: &Report, words: &Words) -> Markup {
         @if !report.notes.is_empty() {
             h2 { "Notes" }
             ul { @for note in &report.notes { li { (note) } } }
+        }
+    }
+}
+
+fn hosts(report: &Report) -> Markup {
+    html! {
+        @if let Some(HostsReport { hosts, crossed }) = &report.hosts {
+            h2 { "Hosts" }
+            p { @for (i, host) in hosts.iter().enumerate() { @if i > 0 { ", " } (host.name) ": " (many(host.modules, "module")) } }
+            div.wide { table {
+                caption { "What crossed from one host to another" }
+                thead { tr { th.key scope="col" { "from" } th.key scope="col" { "to" } th scope="col" { "messages" } th scope="col" { "lost" } th scope="col" { "bytes" } th scope="col" { "to and from bodies" } } }
+                tbody { @for c in crossed.iter().take(SHOWN) { tr {
+                    td.key { (c.from) } td.key { (c.to) } td { (count(c.all.sent)) } td { (count(c.all.lost)) }
+                    td { (bytes(c.all.bytes)) } td { (count(c.body_messages)) }
+                } } }
+            } }
         }
     }
 }

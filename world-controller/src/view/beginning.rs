@@ -7,15 +7,17 @@ use super::parts::{Part, Shape};
 use super::visible::{Floor, Stage, Targets, Words};
 use crate::scenario::{LinkChange, Plan};
 use metamorph_protocol::counters::Class;
+use metamorph_protocol::ids::{HostId, ModuleId};
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::link::Partition;
+use metamorph_protocol::link::{Hosts, LinkModel, Partition};
 use metamorph_protocol::time::Time;
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::collections::HashSet;
+use std::sync::Arc;
 
 /// Version of the layout; raised on every change.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 /// What a scene says of a run as a whole.
 #[derive(Clone, Debug)]
@@ -36,6 +38,8 @@ pub struct Heading {
     pub partitions: Vec<Partition>,
     /// Beginnings and ends of partitions, by time.
     pub changes: Vec<LinkChange>,
+    /// The hosts, if there are several.
+    pub hosts: Option<Arc<Hosts>>,
 }
 
 /// In place of the name of a link: a plan that is shown without a run.
@@ -53,6 +57,7 @@ impl Heading {
             goals: plan.stages.iter().map(|s| s.name.clone()).collect(),
             partitions: plan.link.partitions.clone(),
             changes: plan.link_changes(),
+            hosts: plan.link.hosts.clone().filter(|hosts| hosts.len() > 1),
         }
     }
 }
@@ -83,8 +88,34 @@ pub(super) struct Beginning {
     floor: Option<Floor>,
     /// Partitions: the modules cut off from the others, and the beginning and end.
     partitions: Vec<(Vec<u32>, u64, u64)>,
+    /// The hosts; `None` if there is one only.
+    hosts: Option<ShownHosts>,
     /// True if messages between modules are recorded.
     messages: bool,
+}
+
+/// The hosts of a run.
+#[derive(Clone, Debug, Serialize)]
+struct ShownHosts {
+    /// Their names, in the order of their numbers.
+    names: Vec<String>,
+    /// The number of the home of each module.
+    homes: Vec<u16>,
+    /// When the link of two hosts is cut.
+    cuts: Vec<(u16, u16, u64, u64)>,
+}
+
+impl ShownHosts {
+    fn of(hosts: &Hosts, modules: usize) -> ShownHosts {
+        // Invariant: there are fewer than 2^16 hosts.
+        let names = (0..hosts.len() as u16).map(|host| HostId(host).to_string()).collect();
+        let homes = (0..modules as u32).filter_map(|id| Some(hosts.home_of(ModuleId(id))?.0)).collect();
+        let cut = |((a, b), link): ((HostId, HostId), &LinkModel)| {
+            let cuts = link.partitions.iter().map(move |p| (a.0, b.0, micros(p.from), micros(p.until)));
+            cuts.collect::<Vec<_>>()
+        };
+        ShownHosts { names, homes, cuts: hosts.links().flat_map(cut).collect() }
+    }
 }
 
 #[derive(Clone, Debug, Serialize)]
@@ -134,6 +165,7 @@ impl Beginning {
             targets,
             floor,
             partitions: heading.partitions.iter().map(cut).collect(),
+            hosts: heading.hosts.as_deref().map(|hosts| ShownHosts::of(hosts, bodies.len())),
             messages,
         }
     }

@@ -23,7 +23,7 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; c
                       img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 /// The files of the page: name, type and content.
-const FILES: [(&str, &str, &str); 22] = [
+const FILES: [(&str, &str, &str); 23] = [
     ("", "text/html; charset=utf-8", include_str!("page/index.html")),
     ("style.css", "text/css; charset=utf-8", include_str!("page/style.css")),
     ("main.js", JS, include_str!("page/main.js")),
@@ -33,6 +33,7 @@ const FILES: [(&str, &str, &str); 22] = [
     ("viewpoint.js", JS, include_str!("page/viewpoint.js")),
     ("dom.js", JS, include_str!("page/dom.js")),
     ("look.js", JS, include_str!("page/look.js")),
+    ("hosts.js", JS, include_str!("page/hosts.js")),
     ("keys.js", JS, include_str!("page/keys.js")),
     ("overlay.js", JS, include_str!("page/overlay.js")),
     ("renderer.js", JS, include_str!("page/renderer.js")),

@@ -79,6 +79,7 @@ fn heading(plan: &PlanFile, repeat: String) -> Heading {
         goals: vec!["the goal".to_owned()],
         partitions: Vec::new(),
         changes: Vec::new(),
+        hosts: None,
     }
 }
 

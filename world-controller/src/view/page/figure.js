@@ -23,7 +23,8 @@ export function figureOf({ story, t, camera, meaning, messages, waits, goal, onl
     ...(sections.length && { section: sections.map(String).join() }),
     ...(notes ? { title: "{t}" } : { axes: "off", scale: "off" }),
     camera: `${Math.round(turn * 100) / 100},${degrees(camera.height)}`,
-    color: meaning,
+    // The program draws no homes.
+    color: meaning === "host" ? "state" : meaning,
     goal: goal ? "ghost" : "off",
     ...(links && { links }),
     theme: dark ? "dark" : "paper",

@@ -13,7 +13,7 @@ const KEYS = [
   ["F", "everything in view"],
   ["V L", "next view; parallel projection or perspective"],
   ["C", "follow the chosen module, or stay"],
-  ["1 2 3 4", "colours: state, level of the goal, gradient, locks"],
+  ["1 2 3 4 5", "colours: state, level of the goal, gradient, locks, host"],
   ["M W G O", "messages, who waits for whom, unfilled goal, only the goal: on or off"],
   ["X PgUp PgDn", "next section; move it"],
   ["A", "time, axes and scale: on or off"],

@@ -1,12 +1,18 @@
 // What colours mean: the scales, and the entries of the legend.
 
+import { sizes } from "./hosts.js";
+
 /** The meanings of colours, and their names. */
 export const MEANINGS = {
   state: "state",
   level: "level of the goal",
   gradient: "gradient",
   locks: "locks",
+  host: "host",
 };
+
+/** Number of hosts in the legend. */
+const HOSTS = 12;
 
 /** Meanings that depend on messages between modules. */
 export const TOLD = ["gradient", "locks"];
@@ -39,13 +45,13 @@ export const ownColour = (id) => {
 export function legend(scene, colour, meaning, { farthest, circle, arrows, counts, talk }) {
   const swatch = (text, rgb, pattern) => ({ text, colour: css(rgb), pattern });
   const told = talk || !TOLD.includes(meaning);
-  const entries = told ? meanings(scene.words, meaning, farthest, swatch, colour, counts) : [swatch(scene.messages ? "loading" : UNSEEN, colour.none)];
+  const entries = told ? meanings(scene, meaning, farthest, swatch, colour, counts) : [swatch(scene.messages ? "loading" : UNSEEN, colour.none)];
   if (circle.size) entries.push(swatch("wait for each other in a circle", colour.bad));
   if (arrows) entries.push(swatch("waits for", colour.wait));
   return entries;
 }
 
-function meanings({ roles, levels, distance }, meaning, farthest, swatch, colour, counts) {
+function meanings({ words: { roles, levels, distance }, hosts }, meaning, farthest, swatch, colour, counts) {
   const lives = [];
   if (counts.unheard) lives.push(swatch("not heard of yet", colour.none));
   if (counts.dead) lives.push(swatch("dead", colour.dead, "dead"));
@@ -63,6 +69,10 @@ function meanings({ roles, levels, distance }, meaning, farthest, swatch, colour
       return [ramp(0.08, 0.96, ...levels), swatch("not in the goal", colour.none)];
     case "gradient":
       return [ramp(1, 0, "at a target", `${farthest} ${distance[1]}`), swatch("knows no target", colour.none)];
+    case "host": {
+      const modules = sizes(hosts);
+      return [...hosts.names.slice(0, HOSTS).map((name, i) => swatch(`${name}: ${modules[i]}`, ownColour(i))), ...lives];
+    }
     default:
       return [swatch("locks a module, or is locked by one", ownColour(3)), swatch("no lock", colour.none)];
   }

@@ -21,9 +21,10 @@ export function arrow(into, a, b, rgba, width) {
 
 /**
  * Adds the messages of a time bin of this many seconds. `edges` has sender, receiver and a count for each class;
- * `shown` says which classes count. Each line has the colour of its most frequent class, and is raised by `lift`.
+ * `shown` says which classes count. Each line has the colour of its most frequent class, and is raised by `lift`. Lines
+ * between modules of two hosts, of which `homes` has the numbers, are twice as wide.
  */
-export function messageLines(into, { edges, middles, shown, colours, seconds, lift }) {
+export function messageLines(into, { edges, middles, shown, colours, seconds, lift, homes }) {
   const n = shown.length;
   for (let i = 0; i < edges.length; i += 2 + n) {
     const [from, to] = [middles[edges[i]], middles[edges[i + 1]]];
@@ -36,7 +37,8 @@ export function messageLines(into, { edges, middles, shown, colours, seconds, li
     if (sum === 0 || !from || !to) continue;
     const often = Math.log2(1 + sum / seconds);
     const strong = Math.min(1, 0.5 + 0.2 * often);
-    const width = 0.03 + 0.05 * Math.min(1, often / 5);
+    const crosses = homes && homes[edges[i]] !== homes[edges[i + 1]];
+    const width = (0.03 + 0.05 * Math.min(1, often / 5)) * (crosses ? 2 : 1);
     // The two directions are drawn side by side.
     const d = to.map((x, k) => x - from[k]);
     const across = [d[1] - d[2], d[2] - d[0], d[0] - d[1]];

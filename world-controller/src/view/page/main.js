@@ -4,6 +4,7 @@ import { Control } from "./control.js";
 import { keyList, press } from "./keys.js";
 import { Look } from "./look.js";
 import { by, make } from "./dom.js";
+import { HostsTable } from "./hosts.js";
 import { Panel } from "./panel.js";
 import { fetchFigure, figureOf, renderLine, saveAs } from "./figure.js";
 import { MEANINGS, TOLD, UNSEEN } from "./legend.js";
@@ -52,6 +53,7 @@ class Page {
     this.picture = new Picture(this.renderer, story);
     this.timeline = new Timeline(by("timeline"), by("head"), by("tip"), story);
     this.panel = new Panel(story, this.picture);
+    this.hosts = new HostsTable(story);
     this.control = story.over ? null : Control.fromAddress();
     this.control?.show(by("commands"), () => this.chosen);
     this.redraw = () => (this.dirty = this.stale = true);
@@ -110,6 +112,7 @@ class Page {
     for (const option of by("meaning").options) {
       option.disabled = !messages && TOLD.includes(option.value);
       option.title = option.disabled ? why : "";
+      option.hidden = option.value === "host" && !this.story.scene.hosts;
     }
   }
 
@@ -172,7 +175,8 @@ class Page {
   }
 
   setMeaning(meaning) {
-    if (!this.story.scene.messages && TOLD.includes(meaning)) return;
+    const { messages, hosts } = this.story.scene;
+    if ((!messages && TOLD.includes(meaning)) || (!hosts && meaning === "host")) return;
     this.meaning = meaning;
     by("meaning").value = meaning;
     this.redraw();
@@ -390,6 +394,7 @@ class Page {
     this.panel.numbers(this.t, seen);
     this.panel.legend(this.meaning, seen);
     this.panel.faults();
+    this.hosts.show(this.t, seen.talk ?? (this.story.scene.hosts && this.story.scene.messages ? this.story.talkAt(this.t) : null));
     this.panel.module(this.chosen, this.t, seen);
     this.panel.moves(this.chosen, this.t);
     // While a run is played its messages are asked for less often than pictures are drawn.

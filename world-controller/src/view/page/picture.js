@@ -206,6 +206,8 @@ export class Picture {
         const owner = owners.get(id);
         return owner !== undefined ? ownColour(owner) : locking.has(id) ? ownColour(id) : colour.none;
       }
+      case "host":
+        return ownColour(this.story.scene.hosts.homes[id]);
       default:
         return colour[role];
     }
@@ -300,6 +302,7 @@ export class Picture {
       shown: classes,
       colours: this.classColours,
       seconds: this.story.width / 1e6,
+      homes: this.story.scene.hosts?.homes ?? null,
       lift: back ? 0 : 0.15,
     });
   }
