@@ -5,6 +5,7 @@ use metamorph_protocol::host_link::Timing;
 use metamorph_protocol::ids::HostId;
 use metamorph_protocol::time::Span;
 use serde::Deserialize;
+use std::collections::BTreeMap;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -50,7 +51,8 @@ struct Raw {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawPlacement {
-    by: Placement,
+    by: Option<Placement>,
+    modules: Option<BTreeMap<String, String>>,
 }
 
 /// Which modules are at home on which host.
@@ -77,6 +79,8 @@ pub struct HostsFile {
     pub addresses: Vec<Address>,
     /// The placement, if the file says one.
     pub placement: Option<Placement>,
+    /// The number of modules of each host, if the file says which ones they have.
+    pub sizes: Option<Vec<u64>>,
     /// The directory of this host's keys.
     pub keys: Option<PathBuf>,
     /// How far the clock of another machine may be off; `None` if all hosts are on this one.
@@ -160,12 +164,15 @@ impl HostsFile {
             let what = "hosts on a network need keys".to_owned();
             return Err(bad(what, "write `keys = \"DIRECTORY\"`; `metamorph host --make-keys` makes one"));
         }
+        let names = raw.host.iter().map(|host| host.name.as_str());
+        let (placement, sizes) = placement(raw.placement, names).map_err(|(what, fix)| bad(what, fix))?;
         let clock_error = time("clock_error", &raw.clock_error, Span::ZERO, CLOCK_ERROR)?;
         // The directory is named as seen from the file.
         let beside = path.parent().unwrap_or(Path::new(""));
         Ok(HostsFile {
             addresses,
-            placement: raw.placement.map(|placement| placement.by),
+            placement,
+            sizes,
             keys: raw.keys.map(|keys| beside.join(keys)),
             clock_error: (away > 0).then_some(clock_error),
             timing: Timing { silent, fence, ..default },
@@ -175,6 +182,51 @@ impl HostsFile {
     /// Returns the number of hosts.
     pub fn count(&self) -> usize {
         self.addresses.len() + 1
+    }
+}
+
+/// Returns the placement, and the numbers of modules of hosts if that is given; or what is wrong, and what to do about it.
+#[allow(clippy::type_complexity, reason = "read in one place")]
+fn placement<'h>(
+    raw: Option<RawPlacement>,
+    hosts: impl Iterator<Item = &'h str>,
+) -> Result<(Option<Placement>, Option<Vec<u64>>), (String, &'static str)> {
+    const RANGES: &str = "write a range for each host, such as { h1 = \"0..1999\", h2 = \"2000..5999\" }";
+    match raw {
+        None => Ok((None, None)),
+        Some(RawPlacement { by: by @ Some(_), modules: None }) => Ok((by, None)),
+        Some(RawPlacement { by: None, modules: Some(modules) }) => {
+            let sizes = sizes(hosts, &modules).map_err(|what| (what, RANGES))?;
+            Ok((Some(Placement::Blocks), Some(sizes)))
+        }
+        Some(_) => Err(("`[placement]` has not one key".into(), "write either `by` or `modules`")),
+    }
+}
+
+/// Returns the numbers of modules of hosts that have these ranges of modules, both ends included.
+fn sizes<'h>(
+    hosts: impl Iterator<Item = &'h str>,
+    modules: &BTreeMap<String, String>,
+) -> Result<Vec<u64>, String> {
+    let (mut next, mut sizes) = (0_u64, Vec::new());
+    for host in hosts {
+        let text = modules.get(host).ok_or_else(|| format!("`modules` says nothing of {host}"))?;
+        let ends =
+            text.split_once("..").and_then(|(a, b)| Some((a.parse::<u64>().ok()?, b.parse::<u64>().ok()?)));
+        let (first, last) = ends.filter(|(first, last)| first <= last).ok_or_else(|| {
+            format!("the modules of {host} are `{text}`, which is no range with a first and a last number")
+        })?;
+        if first != next {
+            return Err(format!("the modules of {host} begin with {first} instead of {next}"));
+        }
+        next = last.saturating_add(1);
+        sizes.push(next - first);
+    }
+    match modules.keys().find(|name| {
+        modules.len() > sizes.len() && HostId::from_name(name).is_none_or(|id| id.index() >= sizes.len())
+    }) {
+        Some(name) => Err(format!("`modules` names {name}, which is none of the hosts")),
+        None => Ok(sizes),
     }
 }
 
@@ -194,6 +246,29 @@ mod tests {
         assert_eq!((file.count(), &file.addresses[..]), (2, &[Address::Unix("/run/h2".into())][..]));
         assert_eq!((file.keys, file.clock_error), (None, None));
         assert_eq!((file.timing.silent, file.timing.fence), (Span::secs(1), Span::secs(3)));
+    }
+
+    #[test]
+    fn modules_are_placed_by_ranges() {
+        let with = |modules: &str| {
+            parse(&GOOD.replacen("[[host]]", &format!("[placement]\n{modules}\n[[host]]"), 1))
+        };
+        let file = with("modules = { h1 = \"0..9\", h2 = \"10..41\" }").unwrap();
+        assert_eq!((file.placement, file.sizes), (Some(Placement::Blocks), Some(vec![10, 32])));
+        assert_eq!(with("by = \"cut\"").unwrap().placement, Some(Placement::Cut));
+        let cases = [
+            ("by = \"cut\"\nmodules = {}", "has not one key"),
+            ("", "has not one key"),
+            ("modules = { h1 = \"0..9\" }", "says nothing of h2"),
+            ("modules = { h1 = \"0..9\", h2 = \"11..41\" }", "begin with 11 instead of 10"),
+            ("modules = { h1 = \"9..0\", h2 = \"10..41\" }", "no range"),
+            ("modules = { h1 = \"0-9\", h2 = \"10..41\" }", "no range"),
+            ("modules = { h1 = \"0..9\", h2 = \"10..41\", h3 = \"42..43\" }", "names h3"),
+        ];
+        for (modules, what) in cases {
+            let error = with(modules).unwrap_err();
+            assert!(error.contains(what) && error.contains("fix: "), "{error}");
+        }
     }
 
     #[test]
