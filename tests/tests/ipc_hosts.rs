@@ -113,6 +113,18 @@ fn a_frozen_daemon_ends_its_share_when_it_is_continued_and_serves_the_next_run()
     daemons.end();
 }
 
+/// The daemon ends its share shortly before the controller counts it as dead, and keeps the counts until they are taken.
+#[test]
+fn a_host_that_is_cut_off_for_longer_than_the_fence_leaves_its_counts() {
+    let _alone = ALONE.lock();
+    let daemons = Daemons::start();
+    let report = run_on(&daemons, || daemons.cable(0).hold(true, true));
+    daemons.cable(0).hold(false, false);
+    assert_eq!((report.invariants.broken, &report.notes[..]), (0, &[][..]));
+    assert!(OF_H2.into_iter().all(|module| was_lost(&report, module)), "{:?}", report.faults);
+    daemons.end();
+}
+
 #[test]
 fn a_daemon_that_is_frozen_for_less_than_the_fence_loses_no_module() {
     let _alone = ALONE.lock();

@@ -28,13 +28,15 @@ const LONG: Duration = Duration::from_millis(3_500);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Fault {
     Killed,
+    AskedToEnd,
     Frozen(Duration),
     Cut { to: bool, from: bool, lasts: Duration },
     ControllerLost,
 }
 
-const FAULTS: [(&str, Fault); 10] = [
+const FAULTS: [(&str, Fault); 11] = [
     ("killed", Fault::Killed),
+    ("asked-to-end", Fault::AskedToEnd),
     ("frozen-short", Fault::Frozen(SHORT)),
     ("frozen-long", Fault::Frozen(LONG)),
     ("cut-short", Fault::Cut { to: true, from: true, lasts: SHORT }),
@@ -50,6 +52,7 @@ impl Fault {
     fn strike(self, daemons: &Daemons, controller: &Child) {
         match self {
             Fault::Killed => daemons.signal(0, Signal::KILL),
+            Fault::AskedToEnd => daemons.signal(0, Signal::TERM),
             Fault::Frozen(lasts) => {
                 daemons.signal(0, Signal::STOP);
                 std::thread::park_timeout(lasts);
@@ -78,7 +81,7 @@ fn strike(fault: Fault, seed: usize) -> Result<String, String> {
         (daemons.path("hosts.toml"), daemons.path("run.journal"), daemons.path("report.json"));
     let (swarm, seed) = (scenario("swarm.toml").display().to_string(), seed.to_string());
     let args = ["run", &swarm, "--hosts", &hosts, "--journal", &journal, "--json", &out, "--quiet"];
-    let args = [&args[..], &["--set", "stop.timeout=40s", "--seed", &seed]].concat();
+    let args = [&args[..], &["--set", "stop.timeout=40s", "--seed", &seed, "--patience", "1s"]].concat();
     let mut child = command(&args).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let controller = parts_of(Path::new(&journal)).join("controller");
     wait_until("the run to begin", || {
@@ -113,7 +116,7 @@ fn strike(fault: Fault, seed: usize) -> Result<String, String> {
         }
     }
     // The daemons that live end their shares by themselves.
-    for i in (0..2).filter(|i| fault != Fault::Killed || *i == 1) {
+    for i in (0..2).filter(|i| !matches!(fault, Fault::Killed | Fault::AskedToEnd) || *i == 1) {
         wait_until("the shares to end", || root_of(daemons.pid(i)).is_none());
     }
     drop(daemons);

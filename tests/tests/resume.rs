@@ -122,6 +122,13 @@ fn a_swarm_is_built_although_its_controller_is_killed() {
     assert!(kill_and_resume("swarm.toml", 600, &["--time-scale", "10", "--pause", "20@1s..8s"], 1));
 }
 
+/// The daemons of the other hosts wait for the next controller, and answer for their agents.
+#[test]
+fn a_swarm_on_three_hosts_is_built_although_its_controller_is_killed() {
+    let options = ["--time-scale", "10", "--hosts", "3", "--pause", "20@1s..8s"];
+    assert!(kill_and_resume("swarm.toml", 600, &options, 2));
+}
+
 #[test]
 fn metamodules_build_although_their_controller_is_killed() {
     let options = ["--time-scale", "20", "--set", "protocol.seed_authority=neighbours"];

@@ -132,7 +132,7 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
         uplink.push(Channel::Runtime, 0, &RuntimeMessage::<A::Place>::Hello { pid: std::process::id() });
         let mut clock = Clock::new(clock, speed).map_err(AgentError::Clock)?;
         uplink.flush(clock.now());
-        let damage_expected = !link.corrupt.is_zero();
+        let (damage_expected, is_divided) = (!link.corrupt.is_zero(), link.hosts.is_some());
         let emulator = LinkEmulator::new(link, seed, agent.0, agent.1, A::PORTS);
         Ok(AgentProcess {
             agent,
@@ -145,7 +145,7 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
             last: Time::ZERO,
             receiver: Receiver::new(agent.0, damage_expected),
             sender: Sender::new(agent, emulator),
-            contacts: Contacts::new(A::PORTS),
+            contacts: Contacts::new(A::PORTS, is_divided),
             uplink,
             write_ahead: WriteAhead::new(counters, journal),
             told: 0,
@@ -255,6 +255,7 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
         self.write_ahead.commit()?;
         self.uplink.clear();
         self.uplink.redirect(link);
+        self.write_ahead.counters.loose = self.contacts.redirect();
         if let Some(watch) = &mut self.orphan_watch {
             watch.follow(lease);
         }

@@ -4,7 +4,7 @@
 //! known yet wait here, a bounded number for a bounded time; frames of ended sessions never count for a later
 //! contact.
 
-use crate::transport::INBOX_DEPTH;
+use crate::transport::{EGRESS_DEPTH, INBOX_DEPTH};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::{Port, Revision, Session};
 use metamorph_protocol::runtime::Contact;
@@ -50,23 +50,36 @@ pub struct Contacts<L> {
     ended: VecDeque<Session>,
     early: VecDeque<(u64, Header, Frame)>,
     loose: [u64; Class::ALL.len()],
+    is_divided: bool,
 }
 
 impl<L> Contacts<L> {
-    /// Creates a table of `ports` ports without contacts.
-    pub fn new(ports: usize) -> Contacts<L> {
+    /// Creates a table of `ports` ports without contacts, of an agent of a swarm that is on several hosts if `is_divided`.
+    pub fn new(ports: usize, is_divided: bool) -> Contacts<L> {
         Contacts {
             ports: std::iter::repeat_with(|| None).take(ports).collect(),
             revision: Revision(0),
             ended: VecDeque::new(),
             early: VecDeque::new(),
             loose: [0; Class::ALL.len()],
+            is_divided,
         }
     }
 
     /// Returns, by class, how many messages may have been lost at most because their link was closed when its
     /// contact ended: a receiver that has not read its inbox since the link was opened cannot read them.
     pub fn loose(&self) -> [u64; Class::ALL.len()] {
+        self.loose
+    }
+
+    /// Notes that another controller forwards frames for agents of other hosts from now on: what its predecessor had not
+    /// taken is lost. Which contacts those are is not known here, so all count. Returns the same as [`Contacts::loose`].
+    pub fn redirect(&mut self) -> [u64; Class::ALL.len()] {
+        for port in self.ports.iter().flatten().filter(|_| self.is_divided) {
+            for (loose, sent) in self.loose.iter_mut().zip(port.sent) {
+                *loose += sent.min(EGRESS_DEPTH as u64);
+            }
+        }
         self.loose
     }
 
@@ -192,7 +205,7 @@ mod tests {
 
     #[test]
     fn frames_belong_to_their_session_and_to_no_other() {
-        let mut contacts = Contacts::<()>::new(6);
+        let mut contacts = Contacts::<()>::new(6, false);
         assert_eq!(contacts.place(&header(5)), Place::Early);
         contacts.change(Port(2), Revision(1), Some(contact(5)));
         assert_eq!(contacts.place(&header(5)), Place::Here(Port(2)));
@@ -206,7 +219,7 @@ mod tests {
 
     #[test]
     fn early_frames_wait_in_order_for_a_bounded_time() {
-        let mut contacts = Contacts::<()>::new(6);
+        let mut contacts = Contacts::<()>::new(6, false);
         for session in [5, 6, 5] {
             let (h, f) = frame(session);
             assert_eq!(contacts.keep(0, h, f), None);
@@ -223,7 +236,7 @@ mod tests {
 
     #[test]
     fn saying_the_same_again_changes_nothing() {
-        let mut contacts = Contacts::<()>::new(1);
+        let mut contacts = Contacts::<()>::new(1, false);
         contacts.change(Port(0), Revision(1), Some(contact(5)));
         contacts.change(Port(0), Revision(1), Some(contact(5)));
         assert_eq!(contacts.place(&header(5)), Place::Here(Port(0)));

@@ -128,11 +128,12 @@ pub fn keeps_journal(bytes: &[u8]) -> bool {
     common_part(bytes).is_some_and(|(file, _)| file.journal.is_some())
 }
 
-/// Returns the bytes of a swarm file whose agents write their parts of the journal into another directory, as on another
-/// machine. Bytes that are no swarm file stay as they are, and agents refuse them.
-pub fn with_parts_in(bytes: &[u8], directory: &Path) -> Vec<u8> {
+/// Returns the bytes of a swarm file for the agents of a daemon: they end with it, and on another machine they write their
+/// parts of the journal into another directory. Bytes that are no swarm file stay as they are, and agents refuse them.
+pub fn for_daemon(bytes: &[u8], parts_in: Option<&Path>) -> Vec<u8> {
     let Some((mut file, common)) = common_part(bytes) else { return bytes.to_vec() };
-    if let Some(parts) = &mut file.journal {
+    file.patience = 0;
+    if let Some((parts, directory)) = file.journal.as_mut().zip(parts_in) {
         parts.dir = directory.to_owned();
     }
     match bincode::serde::encode_to_vec(&file, standard()) {
@@ -182,16 +183,18 @@ mod tests {
     }
 
     #[test]
-    fn parts_are_kept_elsewhere_on_another_machine() {
+    fn agents_of_a_daemon_end_with_it_and_write_where_it_says() {
         let dir = tempfile::tempdir().unwrap();
         sample().write(dir.path()).unwrap();
         let bytes = fs::read(path(dir.path())).unwrap();
         assert!(keeps_journal(&bytes) && !keeps_journal(&bytes[..9]));
-        fs::write(path(dir.path()), with_parts_in(&bytes, Path::new("/there"))).unwrap();
+        fs::write(path(dir.path()), for_daemon(&bytes, Some(Path::new("/there")))).unwrap();
         let Parts { run, .. } = sample().journal.unwrap();
         let journal = Some(Parts { dir: "/there".into(), run });
-        assert_eq!(SwarmFile::read(dir.path()).unwrap(), SwarmFile { journal, ..sample() });
-        assert_eq!(with_parts_in(b"no swarm file", Path::new("/there")), b"no swarm file");
+        assert_eq!(SwarmFile::read(dir.path()).unwrap(), SwarmFile { journal, patience: 0, ..sample() });
+        fs::write(path(dir.path()), for_daemon(&bytes, None)).unwrap();
+        assert_eq!(SwarmFile::read(dir.path()).unwrap(), SwarmFile { patience: 0, ..sample() });
+        assert_eq!(for_daemon(b"no swarm file", None), b"no swarm file");
     }
 
     proptest! {

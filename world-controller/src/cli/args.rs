@@ -36,7 +36,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "FILE")]
     pub journal: Option<PathBuf>,
     /// On `ipc` with --journal: how long, in real time, modules wait for `metamorph resume FILE` after the
-    /// controller was killed
+    /// controller was killed; with --hosts only if all hosts are on this machine
     #[arg(long, value_name = "T", value_parser = real_time, default_value = "30s", requires = "journal")]
     pub patience: Duration,
     /// Write a report with plots to this file, as one self-contained HTML page
@@ -467,7 +467,9 @@ impl From<PlanArgs> for (PathBuf, Overrides) {
         });
         let scripted = |OperatorArg::Scripted| "operator.kind=scripted".to_owned();
         let operator = args.operator.map(scripted).map(|text| Setting { option: "--operator", text });
+        let sizes = file.and_then(|file| file.sizes.as_ref()).map(|sizes| format!("hosts={sizes:?}"));
         let hosts = args.hosts.as_ref().map(|hosts| format!("hosts={}", hosts.count));
+        let hosts = sizes.or(hosts);
         let hosts = hosts
             .into_iter()
             .chain(error)

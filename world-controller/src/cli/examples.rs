@@ -180,7 +180,8 @@ Examples:
 
 The controller hosts the simulated bodies, so without it nothing moves, while modules keep exchanging
 messages. Bodies and controller are rebuilt from the journal. Modules wait for --patience; after that, or
-if the machine was restarted, the run cannot be resumed.";
+if the machine was restarted, the run cannot be resumed. The daemons of a run with --hosts wait as well if
+all are on this machine; a run with hosts on other machines cannot be resumed.";
 
 pub const DOCTOR_EXAMPLES: &str = "\
 Examples:

@@ -169,13 +169,14 @@ pub fn run<R: Runnable>(swarm: &R, plan: &Plan, processes: Processes<'_>) -> Res
     let Processes { live, since, keeping, patience, hosts, page } = processes;
     let mut world = swarm.world(plan);
     let mut options = options(swarm, plan, keeping.as_ref().and_then(JournalSession::parts))?;
-    // Agents on several hosts end with their daemons.
     (options.control, options.shutdown) = (page.control, page.shutdown);
-    options.patience = if keeping.is_some() && plan.link.hosts.is_none() { patience } else { Duration::ZERO };
     if let Some(HostsFile { addresses, keys, clock_error, timing, .. }) = hosts {
         let clock_error = clock_error.unwrap_or_default();
         options.hosts = HostsOptions { addresses, keys, clock_error, timing, ..options.hosts };
     }
+    // A daemon on another machine cannot tell a controller that was killed from one that is cut off.
+    let may_be_resumed = keeping.is_some() && !options.hosts.are_away();
+    options.patience = if may_be_resumed { patience } else { Duration::ZERO };
     let brain = swarm.director(plan);
     let mut director =
         Watched::<R> { brain, plan, live, meter: Meter::new(&options), share: Arc::clone(&options.share) };
@@ -210,7 +211,7 @@ pub fn resume<R: Runnable>(
     let plan = &plan;
     // Take over first, so that no other controller writes to the journal while it is read.
     let parts = parts_of(&file);
-    let adopted = adopt(&parts)?;
+    let adopted = adopt(&parts, build())?;
     let recovered = recover(swarm, plan, part.by_ref())?;
     let Recovered { world, director, struck, until, agents, latest, restarting, finishing, counted } =
         recovered;

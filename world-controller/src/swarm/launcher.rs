@@ -9,7 +9,9 @@ use metamorph_module_agent::transport::{AgentKey, Transport};
 use metamorph_protocol::ids::HostId;
 use metamorph_sim_bridge::kernel::sim::Crossings;
 use rustix::process::Signal;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io;
+use std::path::Path;
 
 /// Events of the launcher. Their number in a run is bounded: at most two for each incarnation, two for each
 /// stop from outside, and two more.
@@ -78,6 +80,21 @@ pub trait Launcher {
     /// # Errors
     /// Returns the reason why its counters cannot be read.
     fn counters(&self, agent: AgentKey) -> Result<Option<AgentCounters>, String>;
+}
+
+/// The agents that earlier controllers of a run have started.
+#[derive(Clone, Debug, Default)]
+pub struct Found {
+    /// The latest incarnation of each module that has been started, or a later one.
+    pub latest: Vec<AgentKey>,
+    /// The agents that were taken over; false for those that have died since.
+    pub present: BTreeMap<AgentKey, bool>,
+}
+
+/// A launcher that can go on for a killed one.
+pub trait Takeover: Launcher {
+    /// Takes charge of the agents of the run in `root` that take part, which are `wanted`, and ends all others.
+    fn take_over(&mut self, root: &Path, wanted: &BTreeSet<AgentKey>) -> Found;
 }
 
 /// The types of one way to run a swarm: as processes of this machine, or as threads of this process.

@@ -3,8 +3,8 @@
 
 use crate::console::shutdown::Shutdown;
 use crate::swarm::controller_loop::{ControllerLoop, Services};
-use crate::swarm::hosts::{Fleet, Hosts, backend};
-use crate::swarm::launcher::Backend;
+use crate::swarm::hosts::{Fleet, Hosts, Inherited, backend};
+use crate::swarm::launcher::{Backend, Found};
 use crate::swarm::links::raise_descriptor_limit;
 use crate::swarm::outcome::{SwarmError, SwarmOutcome};
 use crate::swarm::pace::Pace;
@@ -95,7 +95,9 @@ where
         let services = Services::<Processes> { launcher, transport, pace, reserve, dir: Some(&dir) };
         return ControllerLoop::new(options, services, world, director, begun).run();
     };
-    let (transport, launcher) = backend(fleet, transport, launcher, dir.root(), options.journal.as_ref())?;
+    let new = Inherited { fleet, found: Found::default(), lost: Vec::new() };
+    let journal = options.journal.as_ref();
+    let (transport, launcher) = backend(new, (transport, launcher), dir.root(), lease.generation, journal)?;
     let services = Services::<Hosts> { launcher, transport, pace, reserve, dir: Some(&dir) };
     ControllerLoop::new(options, services, world, director, begun).run()
 }
@@ -123,13 +125,23 @@ where
     options.root.get_or_init(|| dir.root().to_owned());
     let before = ControllerLease::read(dir.root()).map_err(SwarmError::Identity)?;
     let pace = pace(options, FileClock::open_writable(dir.root()).map_err(SwarmError::Clock)?)?;
+    let generation = before.generation + 1;
+    let is_divided = options.link.hosts.as_ref().is_some_and(|hosts| hosts.len() > 1);
+    let wanted = resumption.agents.iter().map(|agent| (agent.id, agent.incarnation)).collect();
+    let inherited = is_divided.then(|| Fleet::take_over(dir.root(), &wanted)).transpose()?;
     // First the channels, then the lease: an agent that finds the new controller can reach it.
-    let launch = launch(options, &dir, before.generation + 1);
-    let (transport, launcher) = attach(launch, &options.shutdown, &dir, count, false)?;
-    acquire_lease(&dir, before.generation + 1)?;
-    let reserve = Reserve::left(dir.root());
-    let services = Services::<Processes> { launcher, transport, pace, reserve, dir: Some(&dir) };
-    ControllerLoop::new(options, services, world, director, begun).go_on(dir.root(), epoch, resumption)
+    let (transport, launcher) =
+        attach(launch(options, &dir, generation), &options.shutdown, &dir, count, is_divided)?;
+    acquire_lease(&dir, generation)?;
+    let (reserve, root) = (Reserve::left(dir.root()), dir.root());
+    let Some(inherited) = inherited else {
+        let services = Services::<Processes> { launcher, transport, pace, reserve, dir: Some(&dir) };
+        return ControllerLoop::new(options, services, world, director, begun).go_on(root, epoch, resumption);
+    };
+    let journal = options.journal.as_ref();
+    let (transport, launcher) = backend(inherited, (transport, launcher), root, generation, journal)?;
+    let services = Services::<Hosts> { launcher, transport, pace, reserve, dir: Some(&dir) };
+    ControllerLoop::new(options, services, world, director, begun).go_on(root, epoch, resumption)
 }
 
 /// Prepares this process to control a swarm. Returns the time of CLOCK_MONOTONIC at which the run was asked

@@ -1,6 +1,7 @@
 //! The input of a controller that goes on with a swarm, besides its world and its director: the run's
 //! directory, the time of its beginning, and the messages sent to each agent.
 
+use super::hosts::{FleetError, Succession};
 use super::process::ControlMessage;
 use super::run_dir::{RunDir, RunDirError};
 use metamorph_module_agent::regular_file;
@@ -26,6 +27,9 @@ pub enum NotResumable {
     /// The file that names the run is damaged.
     #[error("{0} is damaged: it does not name the run and the time of its beginning")]
     Damaged(PathBuf),
+    /// The hosts of the run cannot be taken over.
+    #[error(transparent)]
+    Hosts(#[from] FleetError),
     /// The run's directory cannot be taken over.
     #[error(transparent)]
     Dir(#[from] RunDirError),
@@ -75,12 +79,13 @@ pub struct Adopted {
     pub(super) epoch: u64,
 }
 
-/// Takes over the run whose journal is in `parts`. From here on no other process can.
+/// Takes over the run whose journal is in `parts`, with a program of this build. From here on no other process can.
 ///
 /// # Errors
-/// If the run is unknown, gone, or has a controller.
-pub fn adopt(parts: &Path) -> Result<Adopted, NotResumable> {
+/// If the run is unknown, gone, or has a controller, or its other hosts cannot be taken over.
+pub fn adopt(parts: &Path, build: u64) -> Result<Adopted, NotResumable> {
     let (run, epoch) = read_run(parts)?;
+    Succession::check(&run.root(), build)?;
     Ok(Adopted { dir: RunDir::adopt(run)?, epoch })
 }
 

@@ -156,6 +156,14 @@ impl RunDir {
         self.watch = Some(watch);
     }
 
+    /// Removes the run's shared memory, after all its processes have ended, but not the directory.
+    ///
+    /// # Errors
+    /// If a file cannot be removed.
+    pub fn release_shared(&self) -> Result<(), CleanError> {
+        remove_shared(&BTreeSet::from([self.name.to_string()])).map(drop)
+    }
+
     /// Returns the name of the run.
     pub fn name(&self) -> &RunName {
         &self.name
@@ -169,8 +177,7 @@ impl RunDir {
 
 impl Drop for RunDir {
     fn drop(&mut self) {
-        let removed =
-            remove_shared(&BTreeSet::from([self.name.to_string()])).and_then(|_| remove_tree(&self.root));
+        let removed = self.release_shared().and_then(|()| remove_tree(&self.root));
         if let Err(e) = removed {
             tracing::error!("{e}; `metamorph clean` will try again");
         }
@@ -201,7 +208,7 @@ pub fn owner(root: &Path) -> Option<Identity> {
 }
 
 /// True if a live controller holds the lock of this run.
-fn is_locked(root: &Path) -> bool {
+pub fn is_locked(root: &Path) -> bool {
     File::open(root.join(OWNER)).is_ok_and(|owner| {
         flock(&owner, FlockOperation::NonBlockingLockShared) == Err(rustix::io::Errno::WOULDBLOCK)
     })

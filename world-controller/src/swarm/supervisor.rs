@@ -5,11 +5,11 @@
 //! of their own, so that Ctrl-C reaches only the controller.
 
 use crate::console::shutdown::{Shutdown, Urgency};
-use crate::swarm::launcher::{Event, Launcher};
+use crate::swarm::launcher::{Event, Found, Launcher, Takeover};
 use crate::swarm::outcome::SwarmError;
 use crate::swarm::reaper::ReaperThread;
 use crate::swarm::reserve::SCARCE;
-use crate::swarm::run_dir::log_directory;
+use crate::swarm::run_dir::{identities, kill, log_directory};
 use crate::swarm::signals;
 use metamorph_module_agent::AgentArgs;
 use metamorph_module_agent::run_dir::counter_file::{AgentCounters, CounterFile};
@@ -18,11 +18,12 @@ use metamorph_module_agent::run_dir::run_name::HOME;
 use metamorph_module_agent::transport::AgentKey;
 use metamorph_module_agent::transport::iceoryx::rendezvous::{self, ChannelError, Notifier, Rendezvous};
 use metamorph_module_agent::transport::iceoryx::space;
+use metamorph_protocol::ids::{Incarnation, ModuleId};
 use rustix::process::{
     Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, kill_process, pidfd_open, pidfd_send_signal, waitid,
 };
 use signal_hook::consts::{SIGBUS, SIGXFSZ};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -112,11 +113,6 @@ impl Supervisor {
         Ok(Supervisor { tasks: Some(tasks), events, thread: Some(thread), reaper, root })
     }
 
-    /// Takes charge of a process that an earlier controller has started.
-    pub fn adopt(&mut self, agent: AgentKey, identity: Identity) {
-        self.ask(Task::Adopt(agent, identity));
-    }
-
     fn ask(&self, task: Task) {
         if let Some(tasks) = &self.tasks
             && tasks.blocking_send(task).is_err()
@@ -153,6 +149,27 @@ impl Launcher for Supervisor {
 
     fn counters(&self, (id, incarnation): AgentKey) -> Result<Option<AgentCounters>, String> {
         CounterFile::read(&self.root, id, incarnation).map_err(|e| e.to_string())
+    }
+}
+
+impl Takeover for Supervisor {
+    fn take_over(&mut self, root: &Path, wanted: &BTreeSet<AgentKey>) -> Found {
+        let mut found = Found::default();
+        let key = |name: &str| {
+            let (id, incarnation) = name.split_once('.')?;
+            Some((ModuleId(id.parse().ok()?), Incarnation(incarnation.parse().ok()?)))
+        };
+        for (agent, identity) in identities(root).filter_map(|(name, is)| Some((key(&name)?, is))) {
+            // Numbers of incarnations that had not begun are used up too.
+            found.latest.push(agent);
+            if wanted.contains(&agent) {
+                found.present.insert(agent, identity.is_alive());
+                self.ask(Task::Adopt(agent, identity));
+            } else if kill(identity) {
+                tracing::debug!("module {} had been started, and was not to take part yet", agent.0);
+            }
+        }
+        found
     }
 }
 

@@ -113,6 +113,18 @@ impl IceoryxTransport {
         Ok(Some(IceoryxLink::Egress(outbox)))
     }
 
+    /// Sends frames for agents of other hosts to the controller of this generation, if it is not the one before.
+    fn redirect(&mut self, generation: u32) -> Result<(), ChannelError> {
+        let Some(egress) = self.egress.as_mut().filter(|egress| egress.generation != generation) else {
+            return Ok(());
+        };
+        if let Some(outbox) = &egress.outbox {
+            *outbox.borrow_mut() = Outbox::to_other_hosts(&self.membership, self.owner, generation)?;
+        }
+        egress.generation = generation;
+        Ok(())
+    }
+
     fn open(&mut self, to: Address) -> Result<IceoryxLink, ChannelError> {
         let outbox = match to {
             Address::Agent((id, incarnation)) => {
@@ -122,6 +134,7 @@ impl IceoryxTransport {
                 Outbox::to_agent(&self.membership, id, incarnation)
             }
             Address::Controller(generation) => {
+                self.redirect(generation)?;
                 Outbox::to_controller(&self.membership, self.owner, generation)
             }
         };

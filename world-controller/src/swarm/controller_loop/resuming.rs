@@ -3,29 +3,25 @@
 //! part of the journal.
 
 use super::ControllerLoop;
-use crate::swarm::launcher::{Backend, Launcher};
+use crate::swarm::launcher::{Backend, Found, Launcher, Takeover};
 use crate::swarm::outcome::{SwarmError, SwarmOutcome};
 use crate::swarm::process::{ControlMessage, Stage};
 use crate::swarm::resume::Resumption;
-use crate::swarm::run_dir::{identities, kill};
-use crate::swarm::supervisor::Supervisor;
 use metamorph_module_agent::journal_file::{JournalError, Reader, agent_part};
 use metamorph_module_agent::process::runtime_message::RuntimeMessage;
 use metamorph_protocol::agent::Agent;
-use metamorph_protocol::ids::Incarnation;
 use metamorph_protocol::record::{Blob, Emitted, Event};
 use metamorph_protocol::wire::{Header, Wire};
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
 use rustix::process::Signal;
-use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 impl<W, D, B> ControllerLoop<'_, W, D, B>
 where
     W: World,
     D: DirectorPort<W>,
-    B: Backend<Launcher = Supervisor>,
+    B: Backend<Launcher: Takeover>,
 {
     /// Takes over the agents of the run in `root`, and continues the run to its end.
     pub fn go_on(
@@ -49,20 +45,11 @@ where
         for (process, incarnation) in self.processes.iter_mut().zip(latest) {
             process.incarnation = incarnation;
         }
-        let known: BTreeMap<String, _> = identities(root).collect();
-        // Numbers of incarnations that had not begun are used up too.
-        for (id, incarnation) in known.keys().filter_map(|name| name.split_once('.')) {
-            if let (Ok(id), Ok(incarnation)) = (id.parse::<usize>(), incarnation.parse())
-                && let Some(process) = self.processes.get_mut(id)
-            {
-                process.incarnation = process.incarnation.max(Incarnation(incarnation));
-            }
-        }
-        let taken_over: BTreeSet<String> =
-            agents.iter().map(|l| format!("{}.{}", l.id, l.incarnation)).collect();
-        for (name, identity) in &known {
-            if !taken_over.contains(name) && kill(*identity) {
-                tracing::debug!("{name} had been started, and was not to take part yet");
+        let wanted = agents.iter().map(|agent| (agent.id, agent.incarnation)).collect();
+        let Found { latest, present } = self.launcher.take_over(root, &wanted);
+        for (id, incarnation) in latest {
+            if let Some(process) = self.processes.get_mut(id.index()) {
+                process.incarnation = process.incarnation.max(incarnation);
             }
         }
         for mut agent in agents {
@@ -74,13 +61,12 @@ where
             process.restart = restarting.remove(&agent.id);
             process.paused = agent.paused;
             let key = (agent.id, agent.incarnation);
-            let Some(identity) = known.get(&format!("{}.{}", agent.id, agent.incarnation)) else {
+            let Some(is_alive) = present.get(&key) else {
                 let how = "was not there any more when the run was resumed".to_owned();
                 let crashed = !agent.terminating;
                 self.ended(key, how, String::new(), crashed);
                 continue;
             };
-            self.launcher.adopt(key, *identity);
             // The signals of the controller before may not have been sent any more.
             let signals = match (agent.terminating, agent.paused) {
                 (true, _) => &[Signal::KILL][..],
@@ -88,7 +74,7 @@ where
                 (false, false) => &[Signal::CONT],
             };
             signals.iter().for_each(|signal| self.launcher.signal(key, *signal));
-            if agent.terminating || !identity.is_alive() {
+            if agent.terminating || !is_alive {
                 continue;
             }
             // An agent that is not called finds out by itself within two seconds.

@@ -2,19 +2,20 @@
 //! host, and those of others over the links to their hosts. A host that is lost ends all its agents in one instant.
 
 use super::daemon::OWN_COUNTERS;
-use super::fleet::Fleet;
+use super::fleet::{Fleet, Inherited};
 use super::messages::{Sent, ToController, ToDaemon};
 use super::node::Node;
 use super::parts::{Collected, Stretch};
+use super::remains::mark_collected;
 use crate::console::stopwatch::Stopwatch;
-use crate::swarm::launcher::{Backend, Event, HostsAccount, Launcher};
+use crate::swarm::launcher::{Backend, Event, Found, HostsAccount, Launcher, Takeover};
 use crate::swarm::outcome::SwarmError;
 use crate::swarm::run_dir::{RunDir, kill_agents};
 use crate::swarm::supervisor::Supervisor;
 use metamorph_module_agent::clock::page::Page;
 use metamorph_module_agent::clock::source::{ClockSource, FileClock};
 use metamorph_module_agent::journal_file::Parts;
-use metamorph_module_agent::run_dir::counter_file::{AgentCounters, CounterFile};
+use metamorph_module_agent::run_dir::counter_file::{AgentCounters, CounterFile, CounterStore};
 use metamorph_module_agent::run_dir::run_name::RunName;
 use metamorph_module_agent::transport::iceoryx::{IceoryxLink, IceoryxTransport};
 use metamorph_module_agent::transport::shared_frame::SharedFrame;
@@ -23,12 +24,14 @@ use metamorph_module_agent::transport::{
 };
 use metamorph_protocol::counters::Tally;
 use metamorph_protocol::host_link::State;
-use metamorph_protocol::ids::HostId;
+use metamorph_protocol::ids::{HostId, Incarnation};
+use metamorph_protocol::wire::CONTROLLER;
 use metamorph_sim_bridge::kernel::sim::Crossings;
 use rustix::process::Signal;
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io;
+use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -68,6 +71,11 @@ struct Shared {
     /// Messages with agents of each other host: from it, and to it.
     bodies: BTreeMap<HostId, (u64, u64)>,
     clock: FileClock,
+    /// The directory of this host, and the counts that it has made itself.
+    root: PathBuf,
+    own: CounterFile,
+    /// The number of controllers before this one.
+    generation: u32,
     /// Parts of the journal from other machines, if one is kept.
     collected: Option<Collected>,
     /// The clock page that was sent last.
@@ -84,6 +92,11 @@ impl Shared {
             return;
         }
         self.tell_time();
+        // Before packets are sent: what others receive has been counted.
+        let account = AgentCounters { closed: false, ..self.node.account() };
+        if let Err(e) = self.own.write(&account) {
+            tracing::warn!("{e}");
+        }
         self.node.turn(transport);
         self.node.residents.flush();
         while let Some((host, state)) = self.node.next_change() {
@@ -184,7 +197,8 @@ impl Shared {
     }
 
     /// Takes over the run directory of a host whose daemon is dead, so that its counters can be read and are removed in
-    /// the end. A daemon that lives removes it itself. Returns true if the daemon is dead, and its agents with it.
+    /// the end. A daemon that lives removes it itself, after they have been read. Returns true if the daemon is dead, and its
+    /// agents with it.
     fn inherit(&mut self, host: HostId) -> bool {
         let root = self.fleet.roots.get(&host).and_then(Option::as_ref);
         let Some(name) = root.and_then(|root| RunName::of_root(root).ok()) else { return false };
@@ -202,15 +216,24 @@ impl Shared {
         }
     }
 
+    /// Returns the run directory of a host of this machine that is still there.
+    fn root_of(&self, host: HostId) -> Option<&Path> {
+        self.fleet.roots.get(&host)?.as_deref().filter(|root| root.is_dir())
+    }
+
     /// Reads counters of a host that is lost.
     fn left_counters(
         &self,
         host: HostId,
         (id, incarnation): AgentKey,
     ) -> Result<Option<AgentCounters>, String> {
-        let root = self.fleet.roots.get(&host).and_then(Option::as_ref).filter(|root| root.is_dir());
-        let root = root.ok_or_else(|| format!("{host} was lost, and its directory is gone"))?;
+        let root = self.root_of(host).ok_or_else(|| format!("{host} was lost, and its directory is gone"))?;
         CounterFile::read(root, id, incarnation).map_err(|e| e.to_string())
+    }
+
+    /// Reads counters of an agent elsewhere whose end was reported to an earlier controller.
+    fn earlier_counters(&self, agent: AgentKey) -> Result<Option<AgentCounters>, String> {
+        if self.generation == 0 { Ok(None) } else { self.left_counters(self.home(agent), agent) }
     }
 
     /// Ends all agents of a host that is gone for good. Their counters outlive them on this machine.
@@ -219,8 +242,9 @@ impl Shared {
             return;
         }
         tracing::error!("{host} is lost");
-        if !self.inherited.contains_key(&host) {
-            self.inherit(host);
+        if !self.inherited.contains_key(&host) && !self.inherit(host) {
+            // Its daemon lives, and may be stopped: its agents must have ended before they are counted.
+            self.root_of(host).map(kill_agents);
         }
         if let Ok(Some(counters)) = self.left_counters(host, OWN_COUNTERS) {
             self.accounts.insert(host, (counters, BTreeMap::new()));
@@ -231,6 +255,9 @@ impl Shared {
             self.counters.insert(agent, self.left_counters(host, agent));
             let (how, signal) = (format!("was lost with {host}: {why}"), Some(Signal::KILL.as_raw()));
             self.events.push_back(Event::Exited { agent, how, signal, stderr_tail: String::new() });
+        }
+        if let Some(Err(e)) = self.root_of(host).map(mark_collected) {
+            tracing::debug!("{host} is not told that its counts are taken: {e}");
         }
     }
 
@@ -259,23 +286,25 @@ impl Shared {
 
 type SharedRef = Rc<RefCell<Shared>>;
 
-/// Connects the controller to agents of all hosts.
+/// Connects the controller of this generation to agents of all hosts.
 ///
 /// # Errors
 /// If a connection cannot be set up.
 pub fn backend(
-    mut fleet: Fleet,
-    transport: IceoryxTransport,
-    supervisor: Supervisor,
-    root: &std::path::Path,
+    inherited: Inherited,
+    (transport, supervisor): (IceoryxTransport, Supervisor),
+    root: &Path,
+    generation: u32,
     journal: Option<&Parts>,
 ) -> Result<(HostsTransport, HostsLauncher), SwarmError> {
-    let mut node = Node::new(&fleet.own, root).map_err(SwarmError::Clock)?;
+    let Inherited { mut fleet, found, lost } = inherited;
+    let mut node = Node::new(&fleet.own, root, generation).map_err(SwarmError::Clock)?;
     for (host, connection) in fleet.connections().map_err(SwarmError::Supervisor)? {
         node.attach(host, connection).map_err(SwarmError::Supervisor)?;
     }
     let clock = FileClock::open(root).map_err(SwarmError::Clock)?;
-    let shared = Rc::new(RefCell::new(Shared {
+    let own = CounterFile::create(root, CONTROLLER, own_incarnation(generation))?;
+    let mut shared = Shared {
         node,
         fleet,
         frames: VecDeque::new(),
@@ -288,12 +317,17 @@ pub fn backend(
         inherited: BTreeMap::new(),
         bodies: BTreeMap::new(),
         clock,
+        root: root.to_owned(),
+        own,
+        generation,
         collected: journal.map(|parts| Collected::new(&parts.dir)),
         told: None,
-    }));
+    };
+    lost.into_iter().for_each(|(host, why)| shared.lose(host, &why));
+    let shared = Rc::new(RefCell::new(shared));
     let local = Rc::new(RefCell::new(transport));
     let launcher =
-        HostsLauncher { local: supervisor, shared: Rc::clone(&shared), transport: Rc::clone(&local) };
+        HostsLauncher { local: supervisor, shared: Rc::clone(&shared), transport: Rc::clone(&local), found };
     Ok((HostsTransport { local, shared }, launcher))
 }
 
@@ -386,6 +420,28 @@ pub struct HostsLauncher {
     local: Supervisor,
     shared: SharedRef,
     transport: Rc<RefCell<IceoryxTransport>>,
+    /// Agents of other hosts that an earlier controller has started.
+    found: Found,
+}
+
+/// Returns the incarnation under which the controller of this generation keeps its own counts.
+fn own_incarnation(generation: u32) -> Incarnation {
+    Incarnation(u16::try_from(generation).unwrap_or(u16::MAX))
+}
+
+impl Takeover for HostsLauncher {
+    fn take_over(&mut self, root: &Path, wanted: &BTreeSet<AgentKey>) -> Found {
+        let mut shared = self.shared.borrow_mut();
+        let is_here = |agent: &&AgentKey| shared.home(**agent) == HostId::CONTROLLER;
+        let here = wanted.iter().filter(is_here).copied().collect();
+        let mut found = self.local.take_over(root, &here);
+        found.present.keys().for_each(|agent| shared.node.residents.arrive(*agent));
+        let elsewhere = std::mem::take(&mut self.found);
+        shared.away.extend(elsewhere.present.keys().map(|agent| (*agent, 0)));
+        found.latest.extend(elsewhere.latest);
+        found.present.extend(elsewhere.present);
+        found
+    }
 }
 
 impl Launcher for HostsLauncher {
@@ -433,7 +489,7 @@ impl Launcher for HostsLauncher {
         let shared = self.shared.borrow();
         match shared.home(agent) {
             HostId::CONTROLLER => self.local.counters(agent),
-            _ => shared.counters.get(&agent).cloned().unwrap_or(Ok(None)),
+            _ => shared.counters.get(&agent).cloned().unwrap_or_else(|| shared.earlier_counters(agent)),
         }
     }
 
@@ -444,6 +500,10 @@ impl Launcher for HostsLauncher {
         let mut counters: Vec<AgentCounters> =
             shared.accounts.values().map(|(counters, _)| *counters).collect();
         counters.push(shared.node.account());
+        for generation in 0..shared.generation {
+            let read = CounterFile::read(&shared.root, CONTROLLER, own_incarnation(generation));
+            counters.extend(read?);
+        }
         let missing = shared.fleet.roots.keys().filter(|host| !shared.accounts.contains_key(host));
         Ok(Some(HostsAccount {
             counters,

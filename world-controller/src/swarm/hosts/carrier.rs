@@ -109,7 +109,7 @@ pub struct ThreadedCarrier {
 }
 
 impl ThreadedCarrier {
-    /// Starts a carrier for the owner of the wake-up channel in the run directory `root`.
+    /// Starts a carrier for the owner of the wake-up channel in a run directory: the controller of this generation.
     ///
     /// # Errors
     /// If a thread cannot be started.
@@ -118,15 +118,15 @@ impl ThreadedCarrier {
         from: HostId,
         number: u64,
         events: SyncSender<CarrierEvent>,
-        root: &Path,
+        owner: (&Path, u32),
     ) -> io::Result<ThreadedCarrier> {
         let Ends { receive, send, stop } = ends;
         let (packets, waiting) = sync_channel(OUTGOING);
-        let root = root.to_owned();
+        let owner = (owner.0.to_owned(), owner.1);
         let mut carrier =
             ThreadedCarrier { packets: Some(packets), stop: Arc::clone(&stop), threads: Vec::new() };
         let thread = |name: &str| std::thread::Builder::new().name(format!("{from} {name}"));
-        let read = move || read(receive, from, number, &events, root);
+        let read = move || read(receive, from, number, &events, owner);
         carrier.threads.push(thread("in").spawn(read)?);
         carrier.threads.push(thread("out").spawn(move || write(send, &waiting, &*stop))?);
         Ok(carrier)
@@ -179,10 +179,11 @@ fn read(
     from: HostId,
     number: u64,
     events: &SyncSender<CarrierEvent>,
-    root: PathBuf,
+    (root, generation): (PathBuf, u32),
 ) {
     // A channel of iceoryx2 stays with its thread, so the bell is opened here.
-    let bell = Bell::open(&root).inspect_err(|e| tracing::warn!("packets are taken late: {e}")).ok();
+    let bell =
+        Bell::open(&root, generation).inspect_err(|e| tracing::warn!("packets are taken late: {e}")).ok();
     loop {
         let event = match receive() {
             Ok(Arrived::Packet(packet)) => CarrierEvent::Packet { from, number, packet },
@@ -230,9 +231,9 @@ struct Bell {
 }
 
 impl Bell {
-    fn open(root: &Path) -> Result<Bell, ChannelError> {
+    fn open(root: &Path, generation: u32) -> Result<Bell, ChannelError> {
         let at = Rendezvous::join(root)?;
-        let service = at.open_controller_bell(super::daemon::GENERATION)?;
+        let service = at.open_controller_bell(generation)?;
         Ok(Bell { notifier: rendezvous::ring(&service)?, _service: service, _at: at })
     }
     fn ring(&self) {

@@ -30,14 +30,14 @@ impl Connection {
         from: HostId,
         number: u64,
         events: SyncSender<CarrierEvent>,
-        root: &Path,
+        owner: (&Path, u32),
     ) -> io::Result<ThreadedCarrier> {
         let ends = match self {
             Connection::Unix(stream) => Ends::unix(stream)?,
             #[cfg(feature = "hosts")]
             Connection::Net(line) => line.into_ends(),
         };
-        ThreadedCarrier::start(ends, from, number, events, root)
+        ThreadedCarrier::start(ends, from, number, events, owner)
     }
 }
 

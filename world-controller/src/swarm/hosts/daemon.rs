@@ -2,18 +2,21 @@
 //! reaps the agents of its share in a run directory of its own, and forwards frames between its agents, other hosts
 //! and the controller. To its agents it is the controller. Not here: decisions about the run.
 
+use super::absence::{Absence, ControllerWatch};
 use super::address::Address;
 use super::connection::{Connection, Visitor};
+use super::conversation::Conversations;
 use super::follower::Follower;
 use super::gate::Gate;
 use super::messages::{
-    Account, Answer, Assignment, HostStatus, Opening, Sent, ToController, ToDaemon, write_opening,
+    Account, Answer, Assignment, HostStatus, Opening, Resuming, Sent, ToController, ToDaemon, write_opening,
 };
 use super::node::Node;
 use super::notify;
 use super::parts::Written;
+use super::remains::{Ending, Remains};
 use crate::console::shutdown::{Shutdown, Urgency};
-use crate::console::stopwatch::Stopwatch;
+use crate::console::stopwatch::{Stopwatch, wait_until};
 use crate::swarm::launcher::{Event, Launcher};
 use crate::swarm::links::raise_descriptor_limit;
 use crate::swarm::outcome::SwarmError;
@@ -30,7 +33,7 @@ use metamorph_module_agent::transport::{AgentKey, Transport};
 use metamorph_protocol::host_link::State;
 use metamorph_protocol::ids::{HostId, Incarnation};
 use metamorph_protocol::wire::CONTROLLER;
-use rustix::process::Signal;
+use rustix::process::{Signal, getppid};
 use std::ffi::OsString;
 use std::io;
 use std::os::unix::fs::symlink;
@@ -40,10 +43,10 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 use thiserror::Error;
 
-/// The generation of the controllers of a run on several hosts, which cannot be resumed.
-pub const GENERATION: u32 = 0;
+/// The generation of a daemon, as the controller of its agents.
+const GENERATION: u32 = 0;
 /// The name of the file with the counts of a daemon itself, as if the controller of its agents were one of them.
-pub const OWN_COUNTERS: AgentKey = (CONTROLLER, Incarnation(0));
+pub const OWN_COUNTERS: AgentKey = (CONTROLLER, Incarnation(GENERATION as u16));
 /// Number of frames taken from the inbox in one turn.
 const DRAIN: usize = 2_048;
 /// The longest wait for the next turn while something has to be tried again.
@@ -52,6 +55,9 @@ const RETRY: Duration = Duration::from_millis(20);
 const LONGEST_WAIT: Duration = Duration::from_millis(100);
 /// The shortest wait for the clock of another machine.
 const CLOCK: Duration = Duration::from_millis(1);
+
+/// How long a daemon that is asked to end keeps the counts of a run that goes on.
+const LAST_CALL: Duration = Duration::from_secs(1);
 
 /// A program and its arguments.
 pub type CommandOfAgents = (PathBuf, Vec<OsString>);
@@ -113,29 +119,43 @@ pub enum DaemonError {
 /// # Errors
 /// If it cannot listen.
 pub fn daemon(options: &DaemonOptions) -> Result<(), DaemonError> {
-    if options.once {
-        // An interrupted controller must not leave its daemons behind.
-        let _ = rustix::process::set_parent_process_death_signal(Some(Signal::TERM));
-    }
+    let parent = getppid();
     let gate = Gate::open(options)?;
     notify::ready();
+    let mut remains: Vec<Remains> = Vec::new();
+    let mut has_served = false;
     while options.shutdown.urgency() == Urgency::None {
+        remains.retain(|share| !share.is_over());
+        if options.once && has_served {
+            if remains.is_empty() {
+                break;
+            }
+            std::thread::park_timeout(RETRY);
+            continue;
+        }
+        if options.once && getppid() != parent {
+            // A killed controller must not leave behind daemons that serve no run.
+            break;
+        }
         match gate.incoming.recv_timeout(LONGEST_WAIT) {
             Ok((Opening::Serve(assignment), visitor)) => {
                 let run = assignment.run;
-                match serve(options, &assignment, visitor, &gate) {
+                match serve(options, &assignment, visitor, &gate, &mut remains) {
                     Ok(why) => tracing::info!("run {run:016x} is over: {why}"),
                     Err(e) => tracing::error!("run {run:016x}: {e}"),
                 }
-                if options.once {
-                    break;
-                }
+                has_served = true;
             }
             Ok((opening, visitor)) => answer(options, &opening, visitor, None),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => break,
         }
     }
+    // A controller on this machine takes the counts as soon as it has heard the goodbye.
+    wait_until(LAST_CALL, || {
+        remains.retain(|share| !share.is_over());
+        remains.is_empty()
+    });
     Ok(())
 }
 
@@ -156,6 +176,7 @@ fn answer(options: &DaemonOptions, opening: &Opening, mut visitor: Visitor, serv
         Opening::Serve(_) => Answer::Refused("it serves another run".to_owned()),
         // Of a run that is over.
         Opening::Join { .. } => return,
+        Opening::Resume(_) => Answer::Refused("it does not serve that run any more".to_owned()),
     };
     if let Err(e) = visitor.answer(said) {
         tracing::debug!("an answer cannot be given: {e}");
@@ -168,7 +189,8 @@ fn serve(
     assignment: &Assignment,
     mut visitor: Visitor,
     gate: &Gate,
-) -> Result<&'static str, SwarmError> {
+    remains: &mut Vec<Remains>,
+) -> Result<Ending, SwarmError> {
     // Logs of several hosts may come together.
     let span = tracing::error_span!("host", name = %assignment.host);
     let _entered = span.enter();
@@ -182,7 +204,7 @@ fn serve(
         share.connect_lines().map_err(SwarmError::Supervisor)?;
     }
     visitor.answer(said).map_err(SwarmError::Supervisor)?;
-    let Ok(mut share) = prepared else { return Ok("it was refused") };
+    let Ok(mut share) = prepared else { return Ok(Ending::Refused) };
     match visitor {
         Visitor::Unix(stream) => {
             let attached = share.node.attach(HostId::CONTROLLER, Connection::Unix(stream));
@@ -191,11 +213,19 @@ fn serve(
         #[cfg(feature = "hosts")]
         Visitor::Net(_) => {}
     }
-    let ended = share.run();
+    let ended = share.run(remains);
     // Agents first: a host that says goodbye has none left.
-    let Share { supervisor, mut node, .. } = share;
+    let Share { supervisor, mut node, transport, mut counters, dir, .. } = share;
     drop(supervisor);
     node.close();
+    let account = AgentCounters { closed: false, ..node.account() };
+    drop((node, transport));
+    if ended.as_ref().is_ok_and(|ended| !ended.leaves_counts()) {
+        drop(dir);
+    } else {
+        counters.write(&account)?;
+        remains.push(Remains::new(dir, Duration::from_nanos(assignment.silent_and_fence.1.0)));
+    }
     ended
 }
 
@@ -237,10 +267,7 @@ fn prepare<'a>(
             true => Some(Written::create(dir.root()).map_err(SwarmError::Clock)?),
             false => None,
         };
-        let swarm = match &written {
-            Some(written) => &swarm_file::with_parts_in(swarm, written.directory()),
-            None => swarm,
-        };
+        let swarm = swarm_file::for_daemon(swarm, written.as_ref().map(Written::directory));
         std::fs::write(swarm_file::path(dir.root()), swarm).map_err(SwarmError::Clock)?;
         let follower = if is_away {
             Some(Follower::create(dir.root(), assignment.clock_error).map_err(SwarmError::Clock)?)
@@ -254,7 +281,7 @@ fn prepare<'a>(
         let root = dir.root().to_owned();
         let launch = Launch { program, args, root, generation: GENERATION, verbose: assignment.verbose };
         let (transport, supervisor) = attach(launch, &options.shutdown, &dir, *count as usize, true)?;
-        let node = Node::new(assignment, dir.root()).map_err(SwarmError::Clock)?;
+        let node = Node::new(assignment, dir.root(), GENERATION).map_err(SwarmError::Clock)?;
         let counters = CounterFile::create(dir.root(), OWN_COUNTERS.0, OWN_COUNTERS.1)?;
         Ok(Share {
             options,
@@ -269,6 +296,8 @@ fn prepare<'a>(
             reserve,
             counters,
             dialled: None,
+            watch: ControllerWatch::new(assignment, is_away),
+            conversations: Conversations::default(),
             starting: modules,
             draining: false,
             dir,
@@ -297,6 +326,8 @@ struct Share<'a> {
     counters: CounterFile,
     /// When other hosts were last dialled.
     dialled: Option<Stopwatch>,
+    watch: ControllerWatch,
+    conversations: Conversations,
     /// Number of agents that have not been started yet.
     starting: usize,
     /// True from the request to report that nothing is under way until that is so.
@@ -305,14 +336,18 @@ struct Share<'a> {
 }
 
 impl Share<'_> {
-    fn run(&mut self) -> Result<&'static str, SwarmError> {
+    /// Serves until the share is over. Meanwhile `remains` of earlier shares are removed when they are not wanted any more.
+    fn run(&mut self, remains: &mut Vec<Remains>) -> Result<Ending, SwarmError> {
         loop {
             if self.options.shutdown.urgency() > Urgency::None {
-                return Ok("the daemon is asked to end");
+                return Ok(Ending::Asked);
             }
-            if self.node.has_to_stop() {
-                return Ok("the controller has been silent for too long");
+            match self.watch.look(self.node.is_up(HostId::CONTROLLER)) {
+                Absence::Final => return Ok(Ending::Orphaned),
+                Absence::Unknown if self.node.has_to_stop() => return Ok(Ending::Alone),
+                Absence::Unknown | Absence::Awaited => {}
             }
+            remains.retain(|share| !share.is_over());
             while let Ok((opening, visitor)) = self.gate.incoming.try_recv() {
                 self.connect(opening, visitor);
             }
@@ -323,7 +358,7 @@ impl Share<'_> {
             while let Some((host, state)) = self.node.next_change() {
                 tracing::info!("the link to {host} is {state:?}");
                 if (host, state) == (HostId::CONTROLLER, State::Closed) {
-                    return Ok("it is finished");
+                    return Ok(Ending::Finished);
                 }
             }
             self.obey()?;
@@ -363,7 +398,15 @@ impl Share<'_> {
 
     /// Takes a connection of another host of this run. A further run is refused.
     fn connect(&mut self, opening: Opening, visitor: Visitor) {
+        let Assignment { run, secret, host, .. } = self.assignment;
         match (opening, visitor) {
+            (Opening::Resume(resuming), Visitor::Unix(stream))
+                if (resuming.run, resuming.secret, resuming.host) == (*run, *secret, *host) =>
+            {
+                if let Err(e) = self.turn_to(&resuming, stream) {
+                    tracing::warn!("the controller that takes over cannot be reached: {e}");
+                }
+            }
             (Opening::Join { run, from }, Visitor::Unix(stream))
                 if run == self.assignment.run
                     && from < self.assignment.host
@@ -378,6 +421,19 @@ impl Share<'_> {
                 answer(self.options, &opening, visitor, Some((self.assignment.run, modules as u32)));
             }
         }
+    }
+
+    /// Turns to a controller that has taken over. Agents that it does not know of are ended.
+    fn turn_to(&mut self, resuming: &Resuming, mut stream: UnixStream) -> io::Result<()> {
+        tracing::info!("another controller has taken over");
+        self.node.renew(self.assignment, HostId::CONTROLLER);
+        self.watch.forget();
+        self.draining = false;
+        let unwanted = self.conversations.take_over(&resuming.agents);
+        unwanted.into_iter().for_each(|agent| self.supervisor.signal(agent, Signal::KILL));
+        let present = self.conversations.present(&resuming.agents);
+        write_opening(&mut stream, &Answer::Resumed { present, latest: self.conversations.latest() })?;
+        self.node.attach(HostId::CONTROLLER, Connection::Unix(stream))
     }
 
     /// Takes lines to all other hosts into use that need not be dialled.
@@ -424,6 +480,9 @@ impl Share<'_> {
                 Event::Shutdown(_) => continue,
                 Event::SpawnFailed(agent, e) => {
                     self.node.residents.leave(agent);
+                    if !self.conversations.end(agent) {
+                        continue;
+                    }
                     ToController::SpawnFailed(agent, e.to_string())
                 }
                 Event::Stopped(agent, signal) => ToController::Stopped(agent, signal),
@@ -436,6 +495,10 @@ impl Share<'_> {
                         }
                     }
                     self.node.residents.leave(agent);
+                    if !self.conversations.end(agent) {
+                        self.supervisor.reap(agent);
+                        continue;
+                    }
                     let counters =
                         self.supervisor.counters(agent).map(|c| c.map(|c| Box::new(Account::from(c))));
                     ToController::Exited { agent, how, signal, stderr_tail, counters }
@@ -458,7 +521,7 @@ impl Share<'_> {
 
     fn drain_once(&mut self) -> Result<bool, SwarmError> {
         let Some(shared) = self.transport.receive()? else { return Ok(false) };
-        if !self.node.forward(&shared) {
+        if !self.node.forward(&shared) && self.conversations.hear(&shared.frame()) {
             self.node.tell(HostId::CONTROLLER, &ToController::Frame(Sent::new(&shared)));
         }
         Ok(true)
@@ -478,6 +541,7 @@ impl Share<'_> {
                     }
                     self.written.iter_mut().for_each(|written| written.begin(agent));
                     self.node.residents.arrive(agent);
+                    self.conversations.begin(agent);
                     self.supervisor.start(agent);
                 }
                 ToDaemon::Signal(agent, signal) if self.is_ours(agent) => {
@@ -488,6 +552,11 @@ impl Share<'_> {
                 ToDaemon::Reap(agent) if self.is_ours(agent) => self.supervisor.reap(agent),
                 ToDaemon::Frame(agent, sent) if self.is_ours(agent) => {
                     let frame = sent.shared(self.node.healed(HostId::CONTROLLER));
+                    let answer = frame.and_then(|frame| self.conversations.tell(agent, &frame));
+                    if let Some(here) = &answer {
+                        self.node.tell(HostId::CONTROLLER, &ToController::Frame(Sent::new(here)));
+                    }
+                    let frame = frame.filter(|_| answer.is_none());
                     let posted = frame.is_some_and(|frame| self.node.residents.post(agent, frame));
                     if !posted {
                         self.node.tell(HostId::CONTROLLER, &ToController::Taken(agent, 1));

@@ -4,17 +4,21 @@
 use super::HostsOptions;
 use super::address::Address;
 use super::connection::Connection;
-use super::messages::{Answer, Assignment, Opening};
+use super::messages::{Answer, Assignment, Opening, Resuming};
 use super::node::random;
 use super::reach::{Reach, ReachError};
+use super::succession::Succession;
 use crate::console::stopwatch::{Stopwatch, wait_until};
 use crate::swarm::SwarmOptions;
+use crate::swarm::launcher::Found;
 use crate::swarm::run_dir::{RunDir, clean};
 use metamorph_module_agent::clock::page;
 use metamorph_module_agent::run_dir::swarm_file;
+use metamorph_module_agent::transport::AgentKey;
 use metamorph_protocol::ids::HostId;
 use metamorph_protocol::link::Hosts;
-use std::collections::BTreeMap;
+use metamorph_protocol::time::Span;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 use std::os::unix::net::UnixStream;
 use std::os::unix::process::CommandExt;
@@ -41,6 +45,16 @@ pub enum FleetError {
     /// A daemon does not serve the run.
     #[error("{0} does not serve this run: {1}")]
     Refused(HostId, String),
+    /// The daemons belong to another build than the controller that takes over.
+    #[error(
+        "the run was begun by another build of the program\n  fix: resume it with the program that began it"
+    )]
+    OtherBuild,
+    /// A run between machines cannot be resumed.
+    #[error(
+        "the run has a host on another machine ({0}), which cannot tell a controller that was killed from one that is cut off\n  fix: end what is left with `metamorph clean --hosts FILE`, and run the scenario again"
+    )]
+    Away(Address),
     /// Something of this host is missing.
     #[error("the run on several hosts cannot be prepared: {0}")]
     Prepare(io::Error),
@@ -58,9 +72,43 @@ pub struct Fleet {
     /// The run directories of the daemons; `None` on other machines.
     pub roots: BTreeMap<HostId, Option<PathBuf>>,
     started: Vec<Child>,
+    /// True if the daemons were started for this run by an earlier controller.
+    are_inherited: bool,
+}
+
+/// The daemons of a run that another controller has begun.
+#[derive(Debug)]
+pub struct Inherited {
+    /// The daemons.
+    pub fleet: Fleet,
+    /// Their agents.
+    pub found: Found,
+    /// Hosts that have gone meanwhile, and why.
+    pub lost: Vec<(HostId, String)>,
 }
 
 impl Fleet {
+    /// Turns the daemons of the run in `root` to this controller, after the one before has died. Agents that are not
+    /// `wanted` are ended.
+    ///
+    /// # Errors
+    /// If nothing is known of the daemons.
+    pub fn take_over(root: &Path, wanted: &BTreeSet<AgentKey>) -> Result<Inherited, FleetError> {
+        let missing = || io::Error::other("its hosts are not known");
+        let succession = Succession::read(root).and_then(|read| read.ok_or_else(missing));
+        let Succession { own, roots, are_ours } = succession.map_err(FleetError::Prepare)?;
+        let reach = Reach::new(&own.addresses, None, own.build)?;
+        let (streams, started) = (BTreeMap::new(), Vec::new());
+        let fleet = Fleet { own, reach, streams, roots, started, are_inherited: are_ours };
+        let mut inherited = Inherited { fleet, found: Found::default(), lost: Vec::new() };
+        for host in inherited.fleet.roots.keys().copied().collect::<Vec<_>>() {
+            if let Err(e) = inherited.call(host, wanted) {
+                inherited.lost.push((host, e.to_string()));
+            }
+        }
+        Ok(inherited)
+    }
+
     /// Gives each daemon its share of the swarm in `dir`, and starts the daemons that do not run yet.
     ///
     /// # Errors
@@ -92,10 +140,11 @@ impl Fleet {
             clock: page::path(dir.root()),
             clock_error: *clock_error,
             silent_and_fence: (timing.silent, timing.fence),
+            patience: Span(u64::try_from(options.patience.as_nanos()).unwrap_or(u64::MAX)),
             verbose: options.verbose,
         };
         let (streams, roots, started) = (BTreeMap::new(), BTreeMap::new(), Vec::new());
-        let mut fleet = Fleet { own, reach, streams, roots, started };
+        let mut fleet = Fleet { own, reach, streams, roots, started, are_inherited: false };
         if given.is_empty() {
             for (host, address) in others.iter().zip(fleet.own.addresses.clone()) {
                 let Address::Unix(socket) = address else { continue };
@@ -106,6 +155,9 @@ impl Fleet {
         for (host, address) in others.into_iter().zip(fleet.own.addresses.clone()) {
             fleet.enlist(host, &address)?;
         }
+        let (own, roots) = (fleet.own.clone(), fleet.roots.clone());
+        let succession = Succession { own, roots, are_ours: given.is_empty() };
+        succession.write(dir.root()).map_err(FleetError::Prepare)?;
         Ok(fleet)
     }
 
@@ -138,11 +190,15 @@ impl Fleet {
     /// If a session has ended.
     pub fn connections(&mut self) -> io::Result<Vec<(HostId, Connection)>> {
         let mut streams = std::mem::take(&mut self.streams);
+        // A daemon that is gone when the run is resumed has none.
+        let is_there =
+            |(host, root): &(&HostId, &Option<PathBuf>)| root.is_none() || streams.contains_key(host);
+        let there: Vec<HostId> = self.roots.iter().filter(is_there).map(|(host, _)| *host).collect();
         let connect = |host: &HostId| {
             let connection = self.reach.connection(self.own.run, *host, streams.remove(host))?;
             Ok((*host, connection))
         };
-        self.roots.keys().map(connect).collect()
+        there.iter().map(connect).collect()
     }
 
     /// Returns true if a host has a clock of its own.
@@ -184,9 +240,37 @@ fn start(program: &Path, socket: &Path) -> io::Result<Child> {
         .spawn()
 }
 
+impl Inherited {
+    /// Calls a daemon.
+    fn call(&mut self, host: HostId, wanted: &BTreeSet<AgentKey>) -> Result<(), FleetError> {
+        let Fleet { own, reach, streams, .. } = &mut self.fleet;
+        let is_there = |(id, _): &&AgentKey| own.hosts.is_home(*id, host);
+        let agents = wanted.iter().filter(is_there).copied().collect();
+        let opening = Opening::Resume(Box::new(Resuming { run: own.run, secret: own.secret, host, agents }));
+        // Invariant: each host but the controller's has an address.
+        let Some(address) = own.addresses.get(host.index() - 1) else { return Ok(()) };
+        let reached = reach.ask(host, address, &opening, Duration::ZERO)?;
+        match reached.answer {
+            Answer::Resumed { present, latest } => {
+                streams.extend(reached.stream.map(|stream| (host, stream)));
+                self.found.present.extend(present.into_iter().map(|agent| (agent, true)));
+                self.found.latest.extend(latest);
+                Ok(())
+            }
+            Answer::Refused(why) => Err(FleetError::Refused(host, why)),
+            _ => Err(FleetError::Refused(host, "it answers something else".to_owned())),
+        }
+    }
+}
+
 impl Drop for Fleet {
     fn drop(&mut self) {
         self.streams.clear();
+        if self.are_inherited {
+            // They are no children of this process.
+            let roots = || self.roots.values().flatten();
+            wait_until(ENDING, || roots().all(|root| !root.is_dir()));
+        }
         let begun = Stopwatch::start();
         let mut killed = false;
         for child in &mut self.started {

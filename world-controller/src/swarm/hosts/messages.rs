@@ -13,13 +13,13 @@ use metamorph_protocol::time::{Span, Time};
 use metamorph_protocol::wire::Frame;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Read, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
 
 /// What an opening begins with; the last byte is the version of this conversation.
-const MAGIC: [u8; 8] = *b"MMHOSTS\x02";
+const MAGIC: [u8; 8] = *b"MMHOSTS\x03";
 /// Largest opening in bytes: it holds the swarm file, which has the same limit.
 const OPENING_LIMIT: usize = 257 << 20;
 /// Largest message on the stream in bytes.
@@ -30,6 +30,8 @@ pub const MESSAGE_LIMIT: usize = 1 << 20;
 pub enum Opening {
     /// From the controller: a share of a swarm.
     Serve(Box<Assignment>),
+    /// From a controller that has taken over the run.
+    Resume(Box<Resuming>),
     /// From the daemon of another host of the run.
     Join {
         /// The run.
@@ -85,15 +87,38 @@ pub struct Assignment {
     pub clock_error: Span,
     /// The time after which a host counts as silent, and the one after which it counts as dead.
     pub silent_and_fence: (Span, Span),
+    /// How long the daemon waits for another controller when this one has died on the same machine (real time); zero if no
+    /// other can take over.
+    pub patience: Span,
     /// True if agents log to the daemon's standard error.
     pub verbose: bool,
 }
 
-/// The answer to an assignment.
+/// What a controller says that has taken over a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Resuming {
+    /// The number of the run.
+    pub run: u64,
+    /// The secret that the hosts of the run share.
+    pub secret: [u64; 2],
+    /// The host that the daemon is.
+    pub host: HostId,
+    /// The agents of that host that take part.
+    pub agents: BTreeSet<AgentKey>,
+}
+
+/// The answer to an opening.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Answer {
     /// The daemon serves the run, with this directory.
     Ready(PathBuf),
+    /// The daemon has turned to the controller that took over.
+    Resumed {
+        /// The agents asked for that live.
+        present: Vec<AgentKey>,
+        /// The latest incarnation of each module that was started there.
+        latest: Vec<AgentKey>,
+    },
     /// It does not, for this reason.
     Refused(String),
     /// What it is and does.

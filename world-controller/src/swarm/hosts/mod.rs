@@ -5,10 +5,12 @@
 //! forwards them. The controller's conversation with agents elsewhere is on the stream of the link to their host. Not
 //! here: protocols between hosts, which are in `protocol`, and the controller loop, which is the same for all backends.
 
+mod absence;
 mod address;
 mod backend;
 mod carrier;
 mod connection;
+mod conversation;
 mod costs;
 mod daemon;
 mod fleet;
@@ -22,14 +24,16 @@ mod node;
 mod notify;
 mod parts;
 mod reach;
+mod remains;
 mod residents;
+mod succession;
 mod survey;
 
 pub use address::{Address, AddressError};
 pub use backend::{Hosts, backend};
 pub use costs::{NetCost, NetCosts};
 pub use daemon::{DaemonError, DaemonOptions, daemon};
-pub use fleet::{Fleet, FleetError};
+pub use fleet::{Fleet, FleetError, Inherited};
 pub use hosts_file::{HostsFile, HostsFileError, Placement};
 #[cfg(feature = "hosts")]
 pub use net::bench::{NetBenchError, measure as measure_net};
@@ -37,6 +41,7 @@ pub use net::bench::{NetBenchError, measure as measure_net};
 pub use net::{KeysError, make as make_keys};
 pub use node::build;
 pub use reach::ReachError;
+pub use succession::Succession;
 pub use survey::{Survey, status as host_status};
 
 use metamorph_protocol::host_link::Timing;
@@ -58,4 +63,11 @@ pub struct HostsOptions {
     pub family: String,
     /// How far the clock of another machine may be off (real time).
     pub clock_error: Span,
+}
+
+impl HostsOptions {
+    /// Returns true if hosts are on other machines.
+    pub fn are_away(&self) -> bool {
+        self.addresses.iter().any(|address| matches!(address, Address::Net { .. }))
+    }
 }

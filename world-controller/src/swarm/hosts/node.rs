@@ -10,7 +10,7 @@ use metamorph_module_agent::clock::source::{ClockSource, FileClock};
 use metamorph_module_agent::run_dir::counter_file::AgentCounters;
 use metamorph_module_agent::transport::shared_frame::SharedFrame;
 use metamorph_module_agent::transport::{Link, SendStatus, Transport};
-use metamorph_protocol::counters::{Class, Counts, Tally};
+use metamorph_protocol::counters::{Class, Tally};
 use metamorph_protocol::host_link::packet::{Life, Proof, Run, Terms};
 use metamorph_protocol::host_link::{
     Channel as Stream, ClockInterval, Config, FRAME_WINDOW, HostLink, Offered, Output, Prover, Role, State,
@@ -32,7 +32,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Duration;
 
 /// The version of the conversation between hosts.
-pub const PROGRAM: u32 = 2;
+pub const PROGRAM: u32 = 3;
 /// Number of packets taken in one turn.
 const PACKETS: usize = 256;
 /// How long a controller may take at least to get all hosts together before it is heard.
@@ -90,6 +90,9 @@ pub struct Node<L> {
     peers: BTreeMap<HostId, Peer>,
     carriers: (SyncSender<CarrierEvent>, Receiver<CarrierEvent>),
     opened: u64,
+    life: Life,
+    /// The generation of the controller whose inbox this host's is.
+    generation: u32,
     /// How long the controller may take to be heard for the first time.
     grace: Span,
     changes: VecDeque<(HostId, State)>,
@@ -99,6 +102,8 @@ pub struct Node<L> {
     tally: Tally,
     foreign: u64,
     crossed: BTreeMap<HostId, Tally>,
+    /// Frames that were under way to controllers before this one.
+    loose: [u64; Class::ALL.len()],
 }
 
 /// Returns the hash of this program's build, as far as its version and size tell it.
@@ -121,11 +126,12 @@ pub fn random() -> io::Result<u64> {
 }
 
 impl<L: Link> Node<L> {
-    /// Creates a host without connections whose run directory is `root`.
+    /// Creates a host without connections whose run directory is `root`, and whose inbox is that of a controller of this
+    /// generation.
     ///
     /// # Errors
     /// If there is no clock page, or no randomness.
-    pub fn new(assignment: &Assignment, root: &Path) -> io::Result<Node<L>> {
+    pub fn new(assignment: &Assignment, root: &Path, generation: u32) -> io::Result<Node<L>> {
         let Assignment { host, hosts, .. } = assignment;
         let life = Life(random()?.max(1));
         let others = (0..hosts.len() as u16).map(HostId).filter(|peer| peer != host);
@@ -138,13 +144,37 @@ impl<L: Link> Node<L> {
             peers,
             carriers: sync_channel(INCOMING),
             opened: 0,
+            life,
+            generation,
             grace: assignment.silent_and_fence.1.max(GRACE),
             changes: VecDeque::new(),
             residents: Residents::new(),
             tally: Tally::default(),
             foreign: 0,
             crossed: BTreeMap::new(),
+            loose: [0; Class::ALL.len()],
         })
+    }
+
+    /// Ends the link to a host for good, and begins one to its successor. What was on its streams is lost.
+    pub fn renew(&mut self, assignment: &Assignment, host: HostId) {
+        let now = self.clock.read_page().map_or(Time::ZERO, |page| page.at(monotonic()));
+        let successor = Peer { healed: now, ..Peer::new(assignment, host, self.life) };
+        let Some(before) = self.peers.insert(host, successor) else { return };
+        let (counts, crossed) = (before.link.counts(), self.crossed.entry(host).or_default());
+        for class in Class::ALL {
+            let i = class.index();
+            crossed[class].lost += counts.lost[i];
+            self.tally[class].lost += counts.lost[i];
+            self.tally[class].overflowed += counts.overflowed[i];
+            self.tally[class].expired += counts.expired[i];
+            self.loose[i] += counts.unaccounted[i] + counts.open[i];
+        }
+    }
+
+    /// Returns true if the link to another host is up.
+    pub fn is_up(&self, host: HostId) -> bool {
+        self.peers.get(&host).is_some_and(|peer| peer.link.state() == State::Up)
     }
 
     /// Takes a connection to another host into use, in place of the one before.
@@ -153,7 +183,8 @@ impl<L: Link> Node<L> {
     /// If it cannot be set up.
     pub fn attach(&mut self, to: HostId, connection: Connection) -> io::Result<()> {
         self.opened += 1;
-        let carrier = connection.carry(to, self.opened, self.carriers.0.clone(), &self.root)?;
+        let carrier =
+            connection.carry(to, self.opened, self.carriers.0.clone(), (&self.root, self.generation))?;
         if let Some(peer) = self.peers.get_mut(&to) {
             let now = Time(monotonic());
             peer.attached = now;
@@ -380,6 +411,7 @@ impl<L: Link> Node<L> {
         let mut counters = AgentCounters {
             tally: self.tally,
             foreign: self.foreign,
+            loose: self.loose,
             closed: true,
             ..AgentCounters::default()
         };
@@ -402,7 +434,7 @@ impl<L: Link> Node<L> {
         for (id, peer) in &self.peers {
             let (Some(tally), counts) = (crossed.get_mut(id), peer.link.counts()) else { continue };
             for class in Class::ALL {
-                tally[class] = Counts { lost: counts.lost[class.index()], ..tally[class] };
+                tally[class].lost += counts.lost[class.index()];
             }
         }
         crossed
