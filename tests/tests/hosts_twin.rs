@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 /// Runs on each link.
 const RUNS: u64 = 3;
 /// The quantile of the normal distribution for an interval of 99 %, for six classes at once (Bonferroni).
-const Z: f64 = 3.14;
+const Z: f64 = 3.15;
 /// Fewer messages of a class say nothing.
 const LEAST: f64 = 200.0;
 
