@@ -24,12 +24,17 @@ pub struct Part {
     pub waits_for: Option<ModuleId>,
 }
 
+/// A swarm that moves and fills no place of its goal for this many windows is stuck as well.
+const CIRCLES: u64 = 8;
+
 /// What an operator sees of one swarm.
 pub trait Scene {
     /// Returns the number of its parts.
     fn parts(&self) -> usize;
     /// Returns what can be seen of a part.
     fn part(&self, id: ModuleId) -> Part;
+    /// Returns when a place of the goal was last filled, or the goal was last changed.
+    fn filled_at(&self) -> Time;
     /// Returns true if the run is over.
     fn is_over(&self) -> bool;
     /// Returns the distance to the unfilled places of the goal, for a choice by nearness.
@@ -311,7 +316,8 @@ impl Operator {
             }
             let watched = &mut self.swarms[swarm];
             watched.is_over = scene.is_over();
-            watched.is_stuck = !watched.is_over && now.since(last) >= window;
+            let since = (last + window).min(scene.filled_at() + window * CIRCLES);
+            watched.is_stuck = !watched.is_over && since <= now;
             if !watched.is_stuck {
                 watched.noticed = None;
             } else if watched.noticed.is_none() {
@@ -319,7 +325,7 @@ impl Operator {
                 let at = self.look_at.max(now) + draw(&mut self.rng, self.habits.notice);
                 watched.noticed = Some(at);
                 self.counts.noticed += 1;
-                self.counts.notice_delay = self.counts.notice_delay + at.since(last + window);
+                self.counts.notice_delay = self.counts.notice_delay + at.since(since);
             }
         }
         if let [scene] = scenes {

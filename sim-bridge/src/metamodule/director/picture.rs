@@ -79,6 +79,9 @@ impl Scene for Picture<'_> {
             waits_for: status.and_then(|s| s.waits_for),
         }
     }
+    fn filled_at(&self) -> Time {
+        self.director.last_fill
+    }
     fn is_over(&self) -> bool {
         let director = self.director;
         let is_filled = director.filled.holds(director.setup.goal(director.task).all());
