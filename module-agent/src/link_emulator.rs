@@ -4,7 +4,7 @@
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::counters::Tally;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Session};
-use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::link::{LinkChanges, LinkModel};
 use metamorph_protocol::rng::Rng;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Frame;
@@ -98,6 +98,13 @@ impl LinkEmulator {
         }
     }
 
+    /// Changes what the links do. Frames under way keep the fate that was drawn.
+    pub fn change(&mut self, changes: LinkChanges) {
+        self.model.changes = changes;
+        // A model that becomes transparent again has no delay, so nothing is held back that could be overtaken.
+        self.transparent = self.model.is_transparent();
+    }
+
     /// Resets a port for a new contact: frames of the old one no longer hold back later ones.
     pub fn reset(&mut self, port: Port) {
         if let Some((_, last)) = self.ports.get_mut(port.index()) {
@@ -166,6 +173,18 @@ mod tests {
         links.carry(Time(5), frame(1), &mut tally, &mut out);
         assert_eq!(out, [frame(1)]);
         assert_eq!((links.next(), tally), (Time::NEVER, Tally::default()));
+    }
+
+    #[test]
+    fn changed_links_lose_frames_until_they_are_changed_back() {
+        let (mut links, mut tally, mut out) = (links(LinkModel::default()), Tally::default(), vec![]);
+        let cut = LinkChanges { cut_off: Some((ModuleId(0), ModuleId(0))), ..LinkChanges::default() };
+        links.change(cut);
+        links.carry(Time(5), frame(1), &mut tally, &mut out);
+        assert_eq!((out.len(), tally[Class::Seed].lost), (0, 1));
+        links.change(LinkChanges::default());
+        links.carry(Time(6), frame(2), &mut tally, &mut out);
+        assert_eq!(out, [frame(2)]);
     }
 
     #[test]

@@ -71,6 +71,7 @@ marks! {
     CubeVersionExpired => "cube: a distance was not renewed",
     CubeDetour => "cube: a walker took a detour",
     CubeBehindWalker => "cube: a walker waited behind another",
+    CubeSteered => "cube: an operator commanded",
     CubeRoamed => "cube: a walker that heard of no target went elsewhere",
     CubeImmobile => "cube: a joint was given up",
     CubeMoveFailed => "cube: a move failed",

@@ -4,9 +4,11 @@
 //! and an agent process delays, drops or duplicates what it sends in the same way. Links keep their order
 //! unless a message is drawn to be reordered.
 
+mod changes;
 mod controller;
 mod hosts;
 
+pub use changes::LinkChanges;
 pub use controller::ControllerLink;
 pub use hosts::{ClockOffset, Hosts, HostsError};
 
@@ -60,6 +62,9 @@ pub struct LinkModel {
     pub hosts: Option<Arc<Hosts>>,
     /// What delays orders and reports; `None` if they take no time. Messages between modules do not use it.
     pub controller: Option<ControllerLink>,
+    /// What is changed about all this while the run is in progress. It is never part of what a run starts with.
+    #[serde(skip)]
+    pub changes: LinkChanges,
 }
 
 /// One copy of a message under way.
@@ -85,6 +90,7 @@ impl LinkModel {
             && [self.loss, self.duplicate, self.reorder, self.corrupt].iter().all(|p| p.is_zero())
             && self.partitions.is_empty()
             && self.hosts.is_none()
+            && self.changes.is_none()
     }
 
     /// Returns the clock that the agent of a module reads.
@@ -106,14 +112,17 @@ impl LinkModel {
     /// which later messages do not overtake; it starts at zero.
     pub fn carry(&self, now: Time, from: ModuleId, to: ModuleId, rng: &mut Rng, last: &mut Time) -> Delivery {
         let mut fate = Delivery { arrivals: [None, None] };
-        if self.partitions.iter().any(|p| p.cuts(now, from, to)) {
+        if self.partitions.iter().any(|p| p.cuts(now, from, to)) || self.changes.cuts(from, to) {
+            return fate;
+        }
+        if self.changes.loss.is_some_and(|loss| rng.chance(loss)) {
             return fate;
         }
         if let Some(between) = self.hosts.as_deref().and_then(|hosts| hosts.between(from, to)) {
             return between.carry(now, from, to, rng, last);
         }
         let harms = self.harmless_from.is_none_or(|at| now < at);
-        if harms && rng.chance(self.loss) {
+        if harms && self.changes.loss.is_none() && rng.chance(self.loss) {
             return fate;
         }
         fate.arrivals[0] = Some(self.arrival(now, harms, rng, last));

@@ -3,6 +3,7 @@
 //! [`Blob`](crate::record::Blob).
 
 use crate::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use crate::link::LinkChanges;
 use serde::{Deserialize, Serialize};
 
 /// The other end of a contact. Drivers open links by it; agents only see its session.
@@ -62,6 +63,8 @@ pub enum Command<O> {
     Order(ModuleId, O),
     /// The run is over; nothing follows.
     Finish,
+    /// From now on this is changed about the links between modules, and nothing else.
+    Links(LinkChanges),
 }
 
 impl<O> Command<O> {
@@ -74,6 +77,7 @@ impl<O> Command<O> {
             Command::Restart(id) => Command::Restart(*id),
             Command::Order(id, order) => Command::Order(*id, convert(order)),
             Command::Finish => Command::Finish,
+            Command::Links(changes) => Command::Links(*changes),
         }
     }
 }

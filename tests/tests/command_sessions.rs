@@ -3,12 +3,16 @@
 
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::rng::Rng;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::commands::Commands;
 use metamorph_sim_bridge::director::faults::{Fault, Target};
+use metamorph_sim_bridge::director::link_faults::LinkFault;
 use metamorph_sim_bridge::director::steering::Steering;
-use metamorph_sim_bridge::metamodule::faults::{GOAL_MOVED, OBSTACLE, OBSTACLE_GONE};
+use metamorph_sim_bridge::metamodule::faults::{
+    GOAL_MOVED, GOAL_SET, OBSTACLE, OBSTACLE_GONE, TUNABLE, TUNED,
+};
 use metamorph_world_controller::family::{begin, read_text};
 use metamorph_world_controller::scenario::commands::write;
 use metamorph_world_controller::scenario::{LinkKind, Overrides};
@@ -29,18 +33,29 @@ fn command(rng: &mut Rng, modules: u64, metamodules: bool) -> Fault {
     };
     let (place, by) = (cell(0, 14), cell(-2, 5));
     let lease = Span(1 + rng.below(60_000_000_000));
-    match rng.below(if metamodules { 13 } else { 6 }) {
+    // Every family has the first ones.
+    match rng.below(if metamodules { 20 } else { 13 }) {
         0 => Fault::Kill(id),
         1 => Fault::Restart(id),
         2 => Fault::Pause(id),
         3 => Fault::Resume(id),
         4 => Fault::Stick(id),
         5 => Fault::Unstick(id),
-        6 | 7 => Fault::Steer(id, Steering::GoTo(place, lease)),
-        8 => Fault::Steer(id, Steering::Take(rng.below(5) as u8, lease)),
-        9 => Fault::Steer(id, Steering::Hold(lease)),
-        10 => Fault::Steer(id, Steering::Release),
-        11 => {
+        6 => Fault::Links(LinkFault::Loss(Ratio::new(rng.below(11) as u32, 20).unwrap(), lease)),
+        7 => Fault::Links(LinkFault::LossEnds),
+        8 => {
+            let last = id.0 + rng.below(3) as u32;
+            Fault::Links(LinkFault::Partition(id, ModuleId(last), lease))
+        }
+        9 => Fault::Links(LinkFault::PartitionEnds),
+        10 => Fault::Steer(id, Steering::GoTo(place, lease)),
+        11 => Fault::Steer(id, Steering::Hold(lease)),
+        12 => Fault::Steer(id, Steering::Release),
+        13 => Fault::World(&GOAL_SET, Target::Number(rng.below(3) as u16)),
+        14 => Fault::World(&TUNED, Target::Word(TUNABLE[rng.below(TUNABLE.len() as u64) as usize])),
+        15 => Fault::Steer(id, Steering::Swap(ModuleId(rng.below(modules) as u32))),
+        16 | 17 => Fault::Steer(id, Steering::Take(rng.below(5) as u8, lease)),
+        18 => {
             let kind = if rng.below(2) == 0 { &OBSTACLE } else { &OBSTACLE_GONE };
             Fault::World(kind, Target::Cell(place))
         }
@@ -53,7 +68,13 @@ fn sessions(seeds: std::ops::Range<u64>) -> u64 {
     let mut taken = 0;
     for seed in seeds {
         let metamodules = seed % 2 == 0;
-        let text = if metamodules { METAMODULES } else { CUBES };
+        // Parameters are tuned under published strategies only.
+        let slope = METAMODULES.replace("[protocol]", "[protocol]\nstrategy = \"slope\"");
+        let text = match seed % 4 {
+            0 => METAMODULES,
+            2 => &slope,
+            _ => CUBES,
+        };
         let overrides = Overrides { link: LinkKind::Sim, seed: Some(seed), ..Overrides::default() };
         let plan = read_text("session.toml", text, &overrides).unwrap_or_else(|e| panic!("{e}"));
         let mut rng = Rng::named(seed, "session", 0);

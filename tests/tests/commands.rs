@@ -41,7 +41,7 @@ fn ended(directory: &Path) -> Report {
 /// Returns the faults that were commands, as text.
 fn commanded(report: &Report) -> Vec<String> {
     let commands = report.faults.iter().filter(|f| f.by == "operator 1");
-    commands.map(|f| format!("{} {}", f.fault, f.module.unwrap())).collect()
+    commands.map(|f| f.module.map_or(f.fault.clone(), |id| format!("{} {id}", f.fault))).collect()
 }
 
 #[test]
@@ -81,15 +81,60 @@ fn a_simulated_run_with_commands_is_exported_as_a_scenario() {
     assert_eq!(replayed.code, Some(0), "{replayed:?}");
 }
 
+/// Runs the scenario that a journal's commands make, and replays the journal. Returns both reports.
+fn repeated(directory: &Path, first: &Report) -> Report {
+    let (journal, file) = (directory.join("journal"), directory.join("session.toml"));
+    let (journal, file) = (journal.display().to_string(), file.display().to_string());
+    let exported = run(&["export", &journal, "--commands", &file]);
+    assert_eq!(exported.code, Some(0), "{exported:?}");
+    let again = report(&run(&["run", &file, "--link", "sim", "--json", "-"]).out);
+    assert_eq!((&again.trace_hash, &again.state_hash), (&first.trace_hash, &first.state_hash));
+    let replayed = run(&["replay", &journal]);
+    assert_eq!(replayed.code, Some(0), "{replayed:?}");
+    again
+}
+
+#[test]
+fn links_are_changed_and_cubes_are_steered() {
+    let directory = tempfile::tempdir().unwrap();
+    let view = start(directory.path(), "sim", &[]);
+    let first = ["loss 100% for 20s", "partition 3..5 for 30s", "hold 7 for 9s", "goto 9 [0, 0, 5] for 5s"];
+    let (status, answer) = view.post(&body("a", 1, &first));
+    assert_eq!((status, &answer["result"]), (200, &json!("taken")), "{answer}");
+    for (n, (command, why)) in [
+        ("partition 3..4000", "there is no module 4000"),
+        ("partition 5..3", "`partition 5..3` is no command"),
+        ("loss 101%", "`loss 101%` is no command"),
+        ("take 7 0", "family: "),
+        ("swap 7 8", "family: "),
+        ("tune strategy=step", "is no fault"),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let (_, refused) = view.post(&body("a", 2 + n as u64, &[command]));
+        assert!(refused["why"].as_str().is_some_and(|text| text.contains(why)), "{command}: {refused}");
+    }
+    let report = ended(directory.path());
+    // What ends by itself is told as well.
+    assert_eq!(commanded(&report), ["loss", "partition", "hold 7", "goto 9", "loss", "partition"]);
+    assert_eq!((report.outcome.as_str(), report.invariants.broken), ("built", 0));
+    assert!(report.messages.all.lost > 0, "{:?}", report.messages);
+    assert_eq!(view.end(), Some(0));
+    assert_eq!(commanded(&repeated(directory.path(), &report)), commanded(&report));
+}
+
 #[test]
 fn processes_obey_commands() {
     let directory = tempfile::tempdir().unwrap();
     let view = start(directory.path(), "ipc", &[]);
-    let (status, answer) = view.post(&body("a", 1, &["kill 3", "stick 7"]));
+    let (status, answer) =
+        view.post(&body("a", 1, &["kill 3", "stick 7", "loss 30% for 3s", "hold 8 for 2s"]));
     assert!(status == 200 || status == 202, "{answer}");
     let report = ended(directory.path());
-    assert_eq!(commanded(&report), ["kill 3", "stick 7"]);
+    assert_eq!(commanded(&report)[..4], ["kill 3", "stick 7", "loss", "hold 8"]);
     assert_eq!((report.outcome.as_str(), report.agents.crashed), ("built", 2), "{report:?}");
+    assert!(report.messages.all.lost > 0, "{:?}", report.messages);
     assert_eq!(view.end(), Some(0));
     let journal = directory.path().join("journal").display().to_string();
     let replayed = run_processes(&["replay", &journal]);
@@ -102,16 +147,19 @@ fn a_resumed_run_has_had_its_commands() {
     let mut view = start(directory.path(), "ipc", &["--patience", "60s"]);
     let mut answer = (0, Value::Null);
     wait_until("the command to be taken", || {
-        answer = view.post(&body("a", 1, &["kill 3"]));
+        answer = view.post(&body("a", 1, &["kill 3", "partition 5 for 600s"]));
         answer.0 == 200
     });
+    let (_, restart) = view.post(&body("a", 2, &["partition off", "loss 50% for 5s", "restart 3"]));
+    assert_eq!(restart["result"], "taken", "{restart}");
     // Acknowledged, so it is in the journal.
     signal_to(view.process.id() as i32, Signal::KILL);
     view.process.wait().unwrap();
     let journal = directory.path().join("journal").display().to_string();
     let resumed = run_processes(&["resume", &journal, "--json", "-", "--quiet"]);
     let _ = clean();
-    assert_eq!(commanded(&report(&resumed.out)), ["kill 3"], "{resumed:?}");
+    let given = ["kill 3", "partition", "partition", "loss", "restart 3"];
+    assert_eq!(commanded(&report(&resumed.out))[..5], given, "{resumed:?}");
     let replayed = run(&["replay", &journal]);
     assert_eq!(replayed.code, Some(0), "{replayed:?}");
 }
@@ -257,6 +305,8 @@ fn tables_of_commands_are_checked() {
         ("at = \"2s\"\ndo = []", "number of commands"),
         ("at = \"2s\"\ndo = [\"explode 3\"]", "`explode 3` is no fault"),
         ("at = \"2s\"\ndo = [\"kill 4000\"]", "module 4000"),
+        ("at = \"2s\"\ndo = [\"partition 3..4000\"]", "module 4000"),
+        ("at = \"2s\"\ndo = [\"loss 5% for 0s\"]", "`loss 5% for 0s` is no command"),
         ("at = \"2s\"\ndo = \"kill 3\"", "expected a list"),
         ("at = \"2s\"\noperator = 70000\ndo = [\"kill 3\"]", "number of the operator"),
         ("at = \"1000000s\"\ndo = [\"kill 3\"]", "1000000"),

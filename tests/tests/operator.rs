@@ -7,8 +7,9 @@ use metamorph_protocol::metamodule::blueprint::SeedOrder;
 use metamorph_protocol::metamodule::params::Strategy;
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::faults::Fault;
+use metamorph_sim_bridge::director::faults::{Fault, Target, WorldFault};
 use metamorph_sim_bridge::director::steering::Steering;
+use metamorph_sim_bridge::metamodule::faults::{GOAL_SET, TUNED};
 use metamorph_tests::command::{report, run, scenario};
 use metamorph_tests::metamodules::{Assembled, Assembly, Goal};
 use metamorph_world_controller::report::schema::Report;
@@ -83,12 +84,59 @@ fn rules_refuse_commands_and_are_named() {
     );
     assert!(refused(Strategy::Negotiated, early, steer(0, Steering::Take(7, LEASE))).starts_with("goal: "));
     assert!(refused(Strategy::Planned, early, steer(0, Steering::Hold(LEASE))).starts_with("central-plan: "));
+    let swap = steer(0, Steering::Swap(ModuleId(1)));
+    assert!(refused(Strategy::Negotiated, early, swap).starts_with("no-command: "));
+    let tune = world(&TUNED, Target::Word("strategy=slope"));
+    assert!(refused(Strategy::Negotiated, early, tune).starts_with("strategy: "));
+    for (goal, strategy) in [(1, Strategy::Negotiated), (0, Strategy::Greedy)] {
+        let why = refused(strategy, early, world(&GOAL_SET, Target::Number(goal)));
+        assert!(why.starts_with("goal: "), "{why}");
+    }
     let dead = assembly(Strategy::Negotiated, 3)
         .spares(1)
         .fault(early, Fault::Kill(ModuleId(0)))
         .fault(Time(2_000_000_000), steer(0, Steering::Hold(LEASE)))
         .run();
     assert!(effects(&dead)[1].contains("refused: dead: "), "{:?}", dead.struck);
+}
+
+fn world(kind: &'static WorldFault, target: Target) -> Fault {
+    Fault::World(kind, target)
+}
+
+#[test]
+fn commands_are_swapped_and_parameters_tuned() {
+    let (lease, second) = (Span::secs(600), Time(1_000_000_000));
+    let to = |y| Cell { x: 0, y, z: 0 };
+    let (a, b) = (Steering::GoTo(to(12), lease), Steering::GoTo(to(0), lease));
+    let mut swapped = 0;
+    for seed in 0..4 {
+        let sent = |swap: bool| {
+            let held = assembly(Strategy::Slope, seed)
+                .fault(Time(1), steer(0, a))
+                .fault(Time(2), steer(1, b))
+                .fault(Time(3), steer(2, Steering::Hold(lease)))
+                .fault(Time(4), steer(3, Steering::Hold(lease)));
+            let swap = swap.then(|| steer(0, Steering::Swap(ModuleId(1))));
+            let asked = swap.into_iter().fold(held, |run, swap| run.fault(second, swap));
+            // Dead, they stay where they were sent.
+            let end = |run: Assembly, id| run.fault(Time(500_000_000_000), Fault::Kill(ModuleId(id)));
+            let ran = end(end(asked, 0), 1).run();
+            assert_eq!(ran.broken, 0, "seed {seed}: {:?}", ran.violations);
+            (ran.poses[0].foot(), ran.poses[1].foot())
+        };
+        let (straight, crossed) = (sent(false), sent(true));
+        swapped += u64::from(straight == ((0, 12), (0, 0)) && crossed == ((0, 0), (0, 12)));
+    }
+    assert!(swapped >= 2, "{swapped} of 4");
+    let ran = assembly(Strategy::Slope, 3)
+        .fault(second, world(&TUNED, Target::Word("strategy=step")))
+        .fault(second, world(&TUNED, Target::Word("repulsion=off")))
+        .run();
+    assert_eq!(effects(&ran)[..2], ["strategy=step from now on", "repulsion=off from now on"]);
+    let greedy = assembly(Strategy::Slope, 3).run();
+    assert_ne!(ran.outcome, greedy.outcome, "other parameters make another run");
+    assert_eq!(ran.broken, 0);
 }
 
 /// Leases, locks and invariants hold whatever is commanded.
@@ -154,6 +202,22 @@ fn a_scripted_operator_helps_a_swarm_that_is_stuck() {
         }
     }
     assert!(helped > alone && interactions > 0, "{helped} of 12 with, {alone} without");
+}
+
+#[test]
+fn another_goal_of_the_scenario_is_built() {
+    let directory = tempfile::tempdir().unwrap();
+    let text = "version = 1\n[swarm]\nfamily = \"metamodule\"\nkind = \"SRS\"\nfloor = { min = [0, 0], max = [12, 12] }\n\
+        turn_time = \"1s\"\n[[goal]]\nshape = { box = [5, 5] }\n[[goal]]\nat = \"1000s\"\nshape = { box = [2, 2] }\n\
+        [[command]]\nat = \"2s\"\ndo = [\"goal.set 1\"]\n[[command]]\nat = \"900s\"\ndo = [\"goal.set 0\", \"goal.set 2\"]\n";
+    let file = directory.path().join("goals.toml");
+    fs::write(&file, text).unwrap();
+    let ran = run(&["run", file.to_str().unwrap(), "--link", "sim", "--json", "-", "--quiet"]);
+    let report = report(&ran.out);
+    assert_eq!((report.outcome.as_str(), report.invariants.broken), ("built", 0), "{ran:?}");
+    let effects: Vec<&str> = report.faults.iter().map(|fault| fault.effect.as_str()).collect();
+    assert_eq!(effects[..2], ["goal 0 was built before", "goal 1 was built before"]);
+    assert!(effects[2].starts_with("refused: goal: the scenario has no goal 2"), "{effects:?}");
 }
 
 #[test]

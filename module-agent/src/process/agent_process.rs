@@ -319,6 +319,7 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
             Received::Input(input, heard) => self.hand_in(input, heard)?,
             Received::Begin(place) => self.begin(place),
             Received::Contact { port, revision, contact } => self.change_contact(port, revision, contact)?,
+            Received::Links(changes) => self.sender.change_links(changes),
             Received::Stop => {
                 self.sender.fall_silent(&mut self.write_ahead.counters);
                 self.push(&RuntimeMessage::Silent);

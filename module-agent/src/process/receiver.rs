@@ -8,6 +8,7 @@ use crate::transport::shared_frame::SharedFrame;
 use metamorph_protocol::agent::{Agent, Input, InputOf};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::{ModuleId, Port, Revision};
+use metamorph_protocol::link::LinkChanges;
 use metamorph_protocol::record::MessageName;
 use metamorph_protocol::runtime::Contact;
 use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header};
@@ -42,6 +43,8 @@ pub enum Received<A: Agent> {
         /// The other end of the port now.
         contact: Option<Contact>,
     },
+    /// This is changed about its links from now on.
+    Links(LinkChanges),
     /// The run is over.
     Stop,
     /// The inbox is complete, and the process ends.
@@ -198,6 +201,7 @@ impl Receiver {
             RuntimeMessage::Contact { port, revision, contact } if contacts.has_port(port) => {
                 Some(Received::Contact { port, revision, contact })
             }
+            RuntimeMessage::Links(changes) => Some(Received::Links(changes)),
             RuntimeMessage::Stop if !self.is_silent() => {
                 self.stage = Stage::Silent;
                 Some(Received::Stop)

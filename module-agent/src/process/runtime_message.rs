@@ -14,9 +14,11 @@
 //! | 8 | late | agent | since (8), by (8) |
 //! | 9 | silent | agent | |
 //! | 10 | end | controller | |
+//! | 11 | links | controller | changed loss (1), numerator (4), denominator (4), cut (1), first (4), last (4) |
 
 use crate::clock::lateness::Late;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use metamorph_protocol::link::LinkChanges;
 use metamorph_protocol::runtime::Contact;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_protocol::wire::{Decoder, Encoder, Wire, WireError};
@@ -71,6 +73,8 @@ pub enum RuntimeMessage<P> {
     Silent,
     /// All agents are silent: the process counts the rest of its inbox, and ends.
     End,
+    /// From now on this is changed about its links, and nothing else.
+    Links(LinkChanges),
 }
 
 impl<P: Wire> Wire for RuntimeMessage<P> {
@@ -87,6 +91,7 @@ impl<P: Wire> Wire for RuntimeMessage<P> {
             RuntimeMessage::Late(_) => 8,
             RuntimeMessage::Silent => 9,
             RuntimeMessage::End => 10,
+            RuntimeMessage::Links(_) => 11,
         }
     }
 
@@ -118,6 +123,7 @@ impl<P: Wire> Wire for RuntimeMessage<P> {
                 out.u64(late.by.0);
             }
             RuntimeMessage::Consumed { expected } => out.u32(*expected),
+            RuntimeMessage::Links(changes) => changes.encode(out),
             RuntimeMessage::Here { told, expected } => {
                 out.u32(*told);
                 out.u32(*expected);
@@ -154,6 +160,7 @@ impl<P: Wire> Wire for RuntimeMessage<P> {
             8 => Ok(RuntimeMessage::Late(Late { since: Time(from.u64()?), by: Span(from.u64()?) })),
             9 => Ok(RuntimeMessage::Silent),
             10 => Ok(RuntimeMessage::End),
+            11 => Ok(RuntimeMessage::Links(LinkChanges::decode(from)?)),
             _ => Err(WireError::Kind(kind)),
         }
     }
@@ -164,6 +171,7 @@ mod tests {
     use super::*;
     use metamorph_protocol::counters::Class;
     use metamorph_protocol::lattice::Cell;
+    use metamorph_protocol::ratio::Ratio;
     use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, HEADER, Header};
     use proptest::prelude::*;
 
@@ -193,7 +201,8 @@ mod tests {
         };
         let (port, revision) = (Port(3), Revision(7));
         let late = Late { since: Time(0x0102), by: Span(3) };
-        let cases: [(RuntimeMessage<Cell>, u8, &[u8]); 12] = [
+        let links = LinkChanges { loss: Ratio::new(1, 20), cut_off: Some((ModuleId(3), ModuleId(0x0107))) };
+        let cases: [(RuntimeMessage<Cell>, u8, &[u8]); 13] = [
             (RuntimeMessage::Hello { pid: 0x0A0B }, 0, &[0x0B, 0x0A, 0, 0]),
             (RuntimeMessage::Begin { place: Cell::new(1, -1, 2) }, 1, &[0, 1, 0, 0xFF, 0xFF, 2, 0]),
             (
@@ -210,6 +219,7 @@ mod tests {
             (RuntimeMessage::Late(late), 8, &[2, 1, 0, 0, 0, 0, 0, 0, 3, 0, 0, 0, 0, 0, 0, 0]),
             (RuntimeMessage::Silent, 9, &[]),
             (RuntimeMessage::End, 10, &[]),
+            (RuntimeMessage::Links(links), 11, &[1, 1, 0, 0, 0, 20, 0, 0, 0, 1, 3, 0, 0, 0, 7, 1, 0, 0]),
         ];
         for (message, kind, payload) in cases {
             let frame = seal(&message);

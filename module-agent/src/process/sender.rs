@@ -8,6 +8,7 @@ use crate::transport::shared_frame::SharedFrame;
 use crate::transport::{Address, AgentKey, ConnectError, Link, SendStatus, Transport};
 use metamorph_protocol::counters::{Class, Tally};
 use metamorph_protocol::ids::Port;
+use metamorph_protocol::link::LinkChanges;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{Channel, Frame, Header, Wire};
 
@@ -62,6 +63,11 @@ impl Sender {
         let frame =
             DelayedFrame { port, peer, session, class, frame: Frame::seal(header, message), damaged: false };
         self.emulator.carry(now, frame, tally, &mut self.burst);
+    }
+
+    /// Changes what its links do to messages.
+    pub fn change_links(&mut self, changes: LinkChanges) {
+        self.emulator.change(changes);
     }
 
     /// Resets a port for a new contact: its link has no history.

@@ -1,6 +1,7 @@
 //! Orders of the world-controller to a cube, and reports of a cube to it.
 
 use super::message::{NO_MODULE, Role};
+use super::steering::Steering;
 use crate::ids::{ModuleId, Port, Session};
 use crate::lattice::{Cell, Face};
 use crate::time::Time;
@@ -30,6 +31,13 @@ pub enum Order {
     },
     /// A module has announced that it holds a dead neighbour.
     Custody(CustodyAnnouncement),
+    /// What an operator commands this module. It replaces the command before.
+    Steer {
+        /// The command.
+        steering: Steering,
+        /// The end of its lease.
+        until: Time,
+    },
 }
 
 /// "The module behind this face of a dead one holds it, and does not hang on it."
@@ -77,6 +85,7 @@ impl Wire for Order {
             Order::Goal { .. } => 0,
             Order::Condemn { .. } => 1,
             Order::Custody(_) => 2,
+            Order::Steer { .. } => 3,
         }
     }
     fn encode(&self, out: &mut Encoder) {
@@ -95,6 +104,10 @@ impl Wire for Order {
                 out.u16(*epoch);
                 out.face(*face);
                 out.bool(*is_final);
+            }
+            Order::Steer { steering, until } => {
+                steering.encode(out);
+                out.u64(until.0);
             }
         }
     }
@@ -115,6 +128,7 @@ impl Wire for Order {
                 face: from.face("face")?,
                 is_final: from.bool("final")?,
             })),
+            3 => Ok(Order::Steer { steering: Steering::decode(from)?, until: Time(from.u64()?) }),
             _ => Err(WireError::Kind(kind)),
         }
     }

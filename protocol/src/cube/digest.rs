@@ -26,6 +26,7 @@ impl Cube {
             beacons,
             rng,
             tokens,
+            steered,
             reporter: _,
             wanted: _,
             finals: _,
@@ -57,6 +58,8 @@ impl Cube {
         (immobile, prevented, restarted).hash(hasher);
         quarantine_until.hash(hasher);
         planner.digest(hasher, DigestPart::Targets);
+        // Without commands the hash is that of a swarm that knows none.
+        steered.iter().for_each(|steered| steered.hash(hasher));
         for face in Face::ALL {
             sides.digest(face, hasher);
             forest.child(face).hash(hasher);

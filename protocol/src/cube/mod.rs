@@ -32,6 +32,7 @@ mod queries;
 mod reporter;
 pub mod route;
 mod sides;
+pub mod steering;
 mod view;
 
 #[cfg(all(test, debug_assertions))]
@@ -64,6 +65,7 @@ use sides::Sides;
 use std::collections::VecDeque;
 use std::hash::Hasher;
 use std::sync::Arc;
+use steering::Steered;
 use view::{GoalMasks, Own, Shared, View};
 
 /// The agent of one cube.
@@ -89,6 +91,8 @@ pub struct Cube {
     reporter: Reporter,
     rng: Rng,
     tokens: Tokens,
+    /// What an operator commands.
+    steered: Option<Steered>,
     /// Faces outside which this finalized module wants the cell filled; computed in every step.
     wanted: u8,
     /// Faces with a live neighbour that is finalized for the same goal; computed in every step.
@@ -226,6 +230,7 @@ impl Agent for Cube {
             rng: Rng::named(birth.seed, "cube", u64::from(birth.id.0) << 16 | u64::from(birth.incarnation.0)),
             // Tokens of earlier incarnations may still be under way.
             tokens: Tokens(u32::from(birth.incarnation.0) << 20),
+            steered: None,
             wanted: 0,
             finals: 0,
             filled: 0,
@@ -463,6 +468,7 @@ impl Cube {
                     self.decide_soon(now);
                 }
             }
+            Order::Steer { steering, until } => self.on_steering(now, steering, until),
             Order::Custody(announcement) => {
                 self.follow_epoch(now, announcement.epoch);
                 let v = View { now, own: &self.own, sides: &self.sides };

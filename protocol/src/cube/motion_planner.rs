@@ -9,6 +9,7 @@ use super::message::{Beacon, Role};
 use super::negotiation::Attempt;
 use super::params::{BACK_OFF, BACK_OFF_SPREAD, Connectivity, MOST_DOUBLED, Params};
 use super::sides::Sides;
+use super::steering::{self, Steered, Steering};
 use super::view::View;
 use crate::coverage::{CoveragePoint, hit};
 use crate::digest::Portable;
@@ -79,7 +80,7 @@ pub(super) enum DigestPart {
 
 /// The motions over the supports of a module, by what the module knows of them.
 #[derive(Default)]
-struct Courses {
+pub(super) struct Courses {
     /// Motions towards a target, over every live support.
     known: Vec<Course>,
     /// Motions to free cells from which no distance to a target is known.
@@ -317,19 +318,26 @@ fn best_of<'a>(courses: &'a [Course], longest: u16, rng: &mut Rng) -> Option<&'a
 }
 
 impl Courses {
-    /// Evaluates the motions over every live support.
-    fn around(v: View<'_>) -> Courses {
+    /// Iterates over the motions that no walker is in the way of.
+    pub fn free(&self) -> impl Iterator<Item = Motion> {
+        let known = self.known.iter().filter(|course| course.behind.is_none()).map(|course| course.motion);
+        known.chain(self.blind.iter().copied())
+    }
+
+    /// Evaluates the motions over every live support; those that lead to no known target only of walkers, or if `all`
+    /// are asked for.
+    fn around(v: View<'_>, all: bool) -> Courses {
         let mut courses = Courses::default();
         for support in Face::ALL {
             let Some(b) = v.support(support) else { continue };
             for (slot, heading) in support.perpendicular().into_iter().enumerate() {
-                courses.add(v, b, slot, support, heading);
+                courses.add(v, all, (b, slot), support, heading);
             }
         }
         courses
     }
 
-    fn add(&mut self, v: View<'_>, b: &Beacon, slot: usize, support: Face, heading: Face) {
+    fn add(&mut self, v: View<'_>, all: bool, (b, slot): (&Beacon, usize), support: Face, heading: Face) {
         // The support cannot see what stands over its edge.
         let is_edge = b.supports & heading.bit() == 0;
         let behind = match (v.sides.is_touching(heading), v.peer(heading)) {
@@ -347,7 +355,7 @@ impl Courses {
         if entry.is_known() {
             let (moves, source, over_loose) = (entry.moves(), entry.source, b.role != Role::Final);
             self.known.push(Course { moves, source, over_loose, motion, behind });
-        } else if behind.is_none() && v.own.role == Role::Walker {
+        } else if behind.is_none() && (all || v.own.role == Role::Walker) {
             self.blind.push(motion);
         }
     }
@@ -382,6 +390,11 @@ impl Cube {
             self.planner.failed = self.own.params().immobile_after / 2;
             self.touch();
         }
+        let steered = self.steered_at(now);
+        if let Some(Steered { steering: Steering::Hold, until }) = steered {
+            self.planner.decide_at = until;
+            return;
+        }
         let may_be_wanted = self.own.role == Role::Walker || self.own.masks.own;
         if may_be_wanted && self.view(now).may_hear_more() {
             // Each neighbour message decides again; this is not counted as a deferral.
@@ -393,18 +406,26 @@ impl Cube {
                 self.planner.waits_for = held.0;
                 return;
             }
-            if self.planner.waits_for_outer(self.view(now), self.forest.rank().label) {
+            if steered.is_none() && self.planner.waits_for_outer(self.view(now), self.forest.rank().label) {
                 return self.planner.decide_later(now, self.own.params());
             }
         }
         let v = View { now, own: &self.own, sides: &self.sides };
-        let courses = Courses::around(v);
+        let courses = Courses::around(v, steered.is_some());
         if courses.corners != self.planner.corners_seen && self.own.role == Role::Walker {
             hit(CoveragePoint::CubeCornerSeen);
             self.planner.corners_seen = courses.corners;
             self.beacons.touch();
         }
-        if let Some(motion) = self.planner.choose(v, &courses, &mut self.rng) {
+        let motion = match steered {
+            Some(Steered { steering: Steering::GoTo(to), until }) => {
+                // It looks again when a neighbour tells something new.
+                self.planner.decide_at = until;
+                steering::towards(self.own.cell, to, &courses, &mut self.rng)
+            }
+            _ => self.planner.choose(v, &courses, &mut self.rng),
+        };
+        if let Some(motion) = motion {
             self.begin_attempt(now, motion);
         }
     }

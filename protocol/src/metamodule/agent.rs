@@ -12,6 +12,7 @@ use super::plan::{JointTrial, Plan};
 use super::pose::Pose;
 use super::steering::Steering;
 use super::strategy::{Context, Decision, Policy};
+use super::tuning::Tuning;
 use super::view::{Own, View};
 use crate::agent::{Agent, Birth, Input, InputOf, OutputOf, Summary};
 use crate::counters::Class;
@@ -39,14 +40,17 @@ pub struct Metamodule {
     pub(super) policy: Policy,
     pub(super) detector: DeadlockDetector,
     pub(super) out: Outbox,
+    /// The parameters that a command has changed.
+    pub(super) tuned: Option<Tuning>,
 }
 
 /// All of its state, unlike [`Agent::digest`]: two that hash alike do the same from now on.
 impl Hash for Metamodule {
     fn hash<H: Hasher>(&self, hasher: &mut H) {
-        let Metamodule { setup: _, own, neighbours, locks, requester, phase, policy, detector, out } = self;
+        let Metamodule { setup: _, own, neighbours, locks, requester, phase, policy, detector, out, tuned } =
+            self;
         (own, neighbours, locks, requester).hash(hasher);
-        (phase, policy, detector, out).hash(hasher);
+        (phase, policy, detector, out, tuned).hash(hasher);
     }
 }
 
@@ -110,6 +114,7 @@ impl Agent for Metamodule {
             policy: Policy::new(setup.params.strategy),
             detector: DeadlockDetector::new(birth.incarnation),
             out: Outbox::new(now + setup.params.repeat),
+            tuned: None,
         };
         agent.report();
         agent

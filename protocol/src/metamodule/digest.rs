@@ -12,8 +12,18 @@ use std::hash::{Hash, Hasher};
 impl Metamodule {
     pub(super) fn digest_state(&self, hasher: &mut dyn Hasher) {
         // Taken apart in full, so that a new part has to be put where it belongs.
-        let Metamodule { setup: _, own, neighbours, locks: _, requester, phase, policy, detector, out } =
-            self;
+        let Metamodule {
+            setup: _,
+            own,
+            neighbours,
+            locks: _,
+            requester,
+            phase,
+            policy,
+            detector,
+            out,
+            tuned,
+        } = self;
         let Own { id, pose, task, open, filled, settled, stuck, steered, quarantine_until } = own;
         let Requester { token, waiting_since, rest_until, waits_for, prevented, rng } = requester;
         let hasher = &mut Portable::new(hasher);
@@ -26,6 +36,7 @@ impl Metamodule {
         (out.sequence(), prevented, waits_for, detector, rng).hash(hasher);
         // Without commands the hash is that of a swarm that knows none.
         steered.iter().for_each(|steered| steered.hash(hasher));
+        tuned.iter().for_each(|tuned| tuned.hash(hasher));
     }
 
     /// All that is kept of each neighbour, by port.

@@ -209,6 +209,7 @@ impl Metamodule {
                 self.neighbours.obstacles.remove(&cell);
             }
             Order::Steer { steering, until } => self.on_steering(now, steering, until),
+            Order::Tune(tuning) => self.on_tuning(now, tuning),
             Order::Dead { id, pose } => self.on_death(now, id, pose),
             Order::Instruct { number, instruction } => {
                 let is_news = self.with_policy(now, |policy, cx| policy.hear_order(cx, number, instruction));

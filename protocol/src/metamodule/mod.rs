@@ -50,6 +50,7 @@ mod queries;
 pub mod start;
 pub mod steering;
 pub mod strategy;
+pub mod tuning;
 mod view;
 
 pub use agent::Metamodule;

@@ -10,15 +10,17 @@ use crate::director::faults::{Fault, FaultRecord, Schedule};
 use crate::director::outcome::{Outcome, Stall};
 use crate::director::port::DirectorPort;
 use crate::director::progress::{Progress, Stage, Stop};
+use crate::director::steering::Steering as Wish;
 use metamorph_protocol::cube::control::{Order, Status};
 use metamorph_protocol::cube::message::Role;
 use metamorph_protocol::cube::params::Setup;
+use metamorph_protocol::cube::steering::Steering;
 use metamorph_protocol::goal::Goal;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
-use metamorph_protocol::time::Time;
+use metamorph_protocol::time::{Span, Time};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -40,6 +42,8 @@ pub struct Director {
     moves: u64,
     last_move: Time,
     last_fault: Time,
+    /// The end of the latest lease of a command.
+    leased: Time,
     /// Collisions prevented in incarnations that have ended.
     prevented_before: u64,
     last_fill: Time,
@@ -82,6 +86,7 @@ impl Director {
             moves: 0,
             last_move: Time::ZERO,
             last_fault: Time::ZERO,
+            leased: Time::ZERO,
             prevented_before: 0,
             last_fill: Time::ZERO,
             next_check: Time::ZERO,
@@ -173,13 +178,49 @@ impl Director {
             let effect = "cubes have no obstacles but each other".to_owned();
             return self.faults.inject(now, fault, false, effect, &mut self.commands);
         };
-        let (alive, effect) = (self.known[id.index()].alive, self.found(id, world));
+        let (alive, mut effect, rule) =
+            (self.known[id.index()].alive, self.found(id, world), self.rule(&fault));
+        if let Err(rule) = &rule {
+            effect = format!("{effect}; refused: {rule}");
+        }
         self.faults.inject(now, fault, alive, effect, &mut self.commands);
         match fault {
+            Fault::Steer(_, wish) if rule.is_ok() => self.steer(now, id, wish),
             Fault::Stick(_) => world.set_stuck(id, true),
             Fault::Unstick(_) => world.set_stuck(id, false),
             _ => {}
         }
+    }
+
+    /// Hands a command that no rule refuses to the module.
+    fn steer(&mut self, now: Time, id: ModuleId, wish: Wish) {
+        let (steering, lease) = match wish {
+            Wish::GoTo(to, lease) => (Steering::GoTo(to), lease),
+            Wish::Hold(lease) => (Steering::Hold, lease),
+            Wish::Release | Wish::Take(..) | Wish::Swap(_) => (Steering::Release, Span::ZERO),
+        };
+        let until = now + lease;
+        self.leased = self.leased.max(until);
+        self.commands.push_back(Command::Order(id, Order::Steer { steering, until }));
+    }
+
+    /// Returns the rule that refuses a command, and what to do instead.
+    fn rule(&self, fault: &Fault) -> Result<(), String> {
+        let Fault::Steer(id, wish) = *fault else { return Ok(()) };
+        // An unknown module is refused by its number.
+        let Some(known) = self.known.get(id.index()) else { return Ok(()) };
+        if matches!(wish, Wish::Take(..) | Wish::Swap(_)) {
+            return Err(
+                "family: any cube fills any cell of the goal; use `goto`, `hold` or `release`".to_owned()
+            );
+        }
+        if !known.alive {
+            return Err(format!("dead: the process of module {id} is dead; restart it first"));
+        }
+        if known.is_final(self.stage) {
+            return Err(format!("settled: module {id} fills a cell and stays there until the goal changes"));
+        }
+        Ok(())
     }
 
     /// Certifies deaths, and forwards who holds the dead.
@@ -246,8 +287,8 @@ impl Director {
                 return self.next_stage(now);
             }
         }
-        let planned = self.faults.is_pending() || now < self.stop.planned_until;
-        let changed = self.last_fault.max(self.stop.planned_until);
+        let planned = self.faults.is_pending() || now < self.stop.planned_until || now < self.leased;
+        let changed = self.last_fault.max(self.stop.planned_until).max(self.leased);
         let idle_since = self.last_move.max(self.last_fill).max(changed);
         let unfilled_since = self.last_fill.max(changed);
         if now >= self.stop.timeout {
@@ -345,7 +386,12 @@ impl DirectorPort<CubeWorld> for Director {
         if self.outcome.is_some() {
             return Err("the run is over".to_owned());
         }
-        self.faults.input(now, kind, bytes, self.known.len(), &[])
+        // The rules read all but the injector.
+        let mut faults = std::mem::take(&mut self.faults);
+        let taken =
+            faults.input_if(now, kind, bytes, self.known.len(), &[], |fault: &Fault| self.rule(fault));
+        self.faults = faults;
+        taken
     }
 
     fn wake_at(&self) -> Time {

@@ -57,11 +57,11 @@ impl fmt::Display for Commands {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::director::faults::Target;
+    use crate::director::faults::{Form, Target};
     use metamorph_protocol::ids::ModuleId;
     use metamorph_protocol::lattice::Cell;
 
-    static WALL: WorldFault = WorldFault { name: "block", harms: true, shifts: false };
+    static WALL: WorldFault = WorldFault { name: "block", harms: true, form: Form::Cell };
 
     #[test]
     fn commands_are_read_as_they_are_written() {

@@ -3,7 +3,9 @@
 
 use crate::director::commands::{COMMAND_INPUT, Commands};
 use crate::director::faults::{Fault, FaultRecord, Origin, Schedule, Scheduled, WorldFault};
+use crate::director::link_faults::LinkFault;
 use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::link::LinkChanges;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
@@ -17,6 +19,10 @@ pub struct FaultInjector {
     /// The origin of the fault that is being injected.
     by: Origin,
     paused: BTreeSet<ModuleId>,
+    /// What commands have changed about the links.
+    links: LinkChanges,
+    /// When the loss and the partition of the last commands end.
+    link_ends: [Option<Time>; 2],
     struck: Vec<FaultRecord>,
     crashed: u64,
     restarted: u64,
@@ -66,7 +72,7 @@ impl FaultInjector {
         if at < now {
             return Err(format!("the time of `{text}` is past"));
         }
-        let missing = |fault: &Fault| fault.module().filter(|id| id.index() >= modules);
+        let missing = |fault: &Fault| fault.modules().find(|id| id.index() >= modules);
         if let Some(id) = faults.iter().find_map(missing) {
             return Err(format!("there is no module {id}; they are numbered from 0 to {}", modules - 1));
         }
@@ -100,9 +106,14 @@ impl FaultInjector {
     pub fn next_at(&self) -> Time {
         self.schedule.get(self.next).map_or(Time::NEVER, |scheduled| scheduled.at)
     }
-    /// Returns true if an event is still to come: a fault, or the end of a pause.
+    /// Returns true if an event is still to come: a fault of the scenario, or the end of a pause or of changed links. Commands
+    /// to come do not count, since a run does not know of them before they are given: so a scenario with the commands of a
+    /// run is the same run.
     pub fn is_pending(&self) -> bool {
-        self.next < self.schedule.len() || !self.paused.is_empty()
+        let mut to_come = self.schedule.iter().skip(self.next);
+        to_come.any(|scheduled| !matches!(scheduled.by, Origin::Operator(_)))
+            || self.link_ends.iter().any(Option::is_some)
+            || !self.paused.is_empty()
     }
     /// Injects the fault that [`FaultInjector::due`] returned last; `effect` describes the state it finds, and `alive` is
     /// true if the process it hits lives.
@@ -116,6 +127,7 @@ impl FaultInjector {
     ) {
         self.struck.push(FaultRecord { at: now, fault, by: self.by, effect });
         match fault {
+            Fault::Links(fault) => self.change_links(now, fault, commands),
             Fault::Kill(id) => commands.push_back(Command::Kill(id)),
             Fault::Pause(id) => {
                 self.paused.insert(id);
@@ -139,6 +151,24 @@ impl FaultInjector {
             | Fault::World(..)
             | Fault::External(_) => {}
         }
+    }
+    /// Changes the links, and schedules the end of that. The end of an earlier change of the kind no longer counts.
+    fn change_links<O>(&mut self, now: Time, fault: LinkFault, commands: &mut VecDeque<Command<O>>) {
+        let effect = fault.apply(&mut self.links);
+        if let Some(struck) = self.struck.last_mut() {
+            struck.effect = effect;
+        }
+        let end = fault.end().map_or(fault, |(end, _)| end);
+        let ends_at = &mut self.link_ends[usize::from(end == LinkFault::PartitionEnds)];
+        if let Some(at) = ends_at.take() {
+            self.schedule.remove_end(self.next, at, Fault::Links(end));
+        }
+        if let Some((end, lease)) = fault.end() {
+            *ends_at = Some(now + lease);
+            let scheduled = Scheduled { at: now + lease, fault: Fault::Links(end), by: self.by };
+            self.schedule.insert_end(self.next, scheduled);
+        }
+        commands.push_back(Command::Links(self.links));
     }
     /// Notes that a process was killed, stopped or continued from outside; `found` describes its state.
     pub fn external(&mut self, now: Time, id: ModuleId, what: &Outside, found: &str) {

@@ -1,6 +1,7 @@
 //! Faults as data. A fault schedule is a value of its own, separate from the run that it is injected into, so
 //! that it can be printed, repeated and shrunk.
 
+use crate::director::link_faults::LinkFault;
 use crate::director::steering::{LONGEST_LEASE, Steering, read_cell, read_shift};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
@@ -10,18 +11,33 @@ use std::str::FromStr;
 
 /// A fault of the world that only some families know, such as an obstacle that appears. The family's director
 /// injects it; everything else needs only what is here.
-#[derive(Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, PartialEq, Eq, Hash)]
 pub struct WorldFault {
     /// The name used in reports.
     pub name: &'static str,
     /// True if it makes things worse, rather than ending another fault.
     pub harms: bool,
-    /// True if it is told by how far, rather than where.
-    pub shifts: bool,
+    /// What it is told.
+    pub form: Form,
+}
+
+/// What a [`WorldFault`] is told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Form {
+    /// Where.
+    Cell,
+    /// By how far.
+    Shift,
+    /// Which passive element, by its number.
+    Element,
+    /// Which one, by its number.
+    Number,
+    /// One of these words.
+    Word(&'static [&'static str]),
 }
 
 /// What a [`WorldFault`] hits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Target {
     /// A cell.
     Cell(Cell),
@@ -29,6 +45,23 @@ pub enum Target {
     Shift(i16, i16),
     /// A passive element, by its number.
     Element(u16),
+    /// A number.
+    Number(u16),
+    /// A word.
+    Word(&'static str),
+}
+
+impl Target {
+    fn parse(form: Form, text: &str) -> Option<Target> {
+        let text = text.trim();
+        match form {
+            Form::Cell => read_cell(text).map(Target::Cell),
+            Form::Shift => read_shift(text).map(|(x, y)| Target::Shift(x, y)),
+            Form::Element => text.parse().ok().map(Target::Element),
+            Form::Number => text.parse().ok().map(Target::Number),
+            Form::Word(words) => words.iter().find(|word| **word == text).map(|word| Target::Word(word)),
+        }
+    }
 }
 
 impl fmt::Display for Target {
@@ -37,12 +70,14 @@ impl fmt::Display for Target {
             Target::Cell(cell) => cell.fmt(f),
             Target::Shift(x, y) => write!(f, "[{x}, {y}]"),
             Target::Element(element) => element.fmt(f),
+            Target::Number(number) => number.fmt(f),
+            Target::Word(word) => f.write_str(word),
         }
     }
 }
 
 /// One fault.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Fault {
     /// The process is killed. The body stays, as an obstacle.
     Kill(ModuleId),
@@ -59,6 +94,8 @@ pub enum Fault {
     /// An operator tells a module what to do; only some families obey, and no schedule of a scenario contains this but as a
     /// command.
     Steer(ModuleId, Steering),
+    /// What links do is changed; every family has it.
+    Links(LinkFault),
     /// Something happens to the world that only some families know.
     World(&'static WorldFault, Target),
     /// A process was killed, stopped or continued from outside the run; no schedule contains this.
@@ -77,13 +114,23 @@ impl Fault {
             | Fault::Unstick(id)
             | Fault::Steer(id, _)
             | Fault::External(id) => id,
-            Fault::World(..) => return None,
+            Fault::World(..) | Fault::Links(_) => return None,
         })
+    }
+    /// Returns all modules that it names: at most two.
+    pub fn modules(self) -> impl Iterator<Item = ModuleId> {
+        let other = match self {
+            Fault::Steer(_, Steering::Swap(other)) => Some(other),
+            Fault::Links(fault) => fault.last_module(),
+            _ => None,
+        };
+        self.module().into_iter().chain(other)
     }
     /// Returns true if it makes things worse, rather than ending another fault.
     pub const fn harms(self) -> bool {
         match self {
             Fault::World(kind, _) => kind.harms,
+            Fault::Links(fault) => fault.end().is_some(),
             _ => !matches!(self, Fault::Resume(_) | Fault::Unstick(_) | Fault::Steer(..)),
         }
     }
@@ -97,30 +144,41 @@ impl Fault {
     /// Returns what is wrong with the text, and how to write it.
     pub fn parse(text: &str, world: &[&'static WorldFault]) -> Result<Fault, String> {
         let form = || {
-            let verbs =
-                VERBS.iter().copied().chain(Steering::VERBS).chain(world.iter().map(|kind| kind.name));
+            let verbs = VERBS.iter().copied().chain(Steering::VERBS).chain(LinkFault::VERBS);
+            let verbs = verbs.chain(world.iter().map(|kind| kind.name));
             let verbs: Vec<&str> = verbs.collect();
             let verbs = verbs.join(", ");
             format!("`{text}` is no fault; write one of {verbs}, and what it hits, such as `kill 7`")
         };
         let (verb, target) = text.trim().split_once(' ').ok_or_else(form)?;
         if let Some(kind) = world.iter().find(|kind| kind.name == verb) {
-            let target = match kind.shifts {
-                true => read_shift(target).map(|(x, y)| Target::Shift(x, y)),
-                false => match target.trim().parse() {
-                    Ok(element) => Some(Target::Element(element)),
-                    Err(_) => read_cell(target).map(Target::Cell),
-                },
+            let how = || match kind.form {
+                Form::Word(words) => {
+                    format!("`{text}` is no command; write `{verb}` and one of {}", words.join(", "))
+                }
+                Form::Number => {
+                    format!("`{text}` is no command; write `{verb}` and a number, such as `{verb} 1`")
+                }
+                Form::Cell | Form::Shift | Form::Element => form(),
             };
-            return Ok(Fault::World(kind, target.ok_or_else(form)?));
+            return Ok(Fault::World(kind, Target::parse(kind.form, target).ok_or_else(how)?));
+        }
+        if LinkFault::VERBS.contains(&verb) {
+            let how = || {
+                format!(
+                    "`{text}` is no command; write `loss 5% for 30s`, `partition 3..7 for 30s`, `loss off` or `partition off`, \
+                     for at most {LONGEST_LEASE}"
+                )
+            };
+            return Ok(Fault::Links(LinkFault::parse(verb, target).ok_or_else(how)?));
         }
         if Steering::VERBS.contains(&verb) {
             let (id, rest) = target.trim().split_once(' ').unwrap_or((target.trim(), ""));
             let id = ModuleId(id.parse().map_err(|_| form())?);
             let how = || {
                 format!(
-                    "`{text}` is no command; write `goto 3 [4, 5, 0] for 30s`, `take 3 0`, `hold 3 for 30s` or `release 3`, for \
-                     at most {LONGEST_LEASE}"
+                    "`{text}` is no command; write `goto 3 [4, 5, 0] for 30s`, `take 3 0`, `hold 3 for 30s`, `swap 3 5` or \
+                     `release 3`, for at most {LONGEST_LEASE}"
                 )
             };
             return Ok(Fault::Steer(id, Steering::parse(verb, rest).ok_or_else(how)?));
@@ -161,6 +219,7 @@ impl fmt::Display for Fault {
             Fault::Unstick(id) => write!(f, "unstick {id}"),
             Fault::Steer(id, steering) => write!(f, "{} {id}{steering}", steering.verb()),
             Fault::World(kind, target) => write!(f, "{} {target}", kind.name),
+            Fault::Links(fault) => write!(f, "{} {fault}", fault.verb()),
             Fault::External(id) => write!(f, "external {id}"),
         }
     }
@@ -230,6 +289,19 @@ impl Schedule {
     pub fn insert(&mut self, first: usize, scheduled: Scheduled) {
         let after = first + self.faults[first..].partition_point(|other| other.at <= scheduled.at);
         self.faults.insert(after, scheduled);
+    }
+    /// Adds what ends a fault by itself, before all that is due at its time, but not before the index `first`: whether
+    /// that was scheduled earlier or later makes no difference.
+    pub fn insert_end(&mut self, first: usize, scheduled: Scheduled) {
+        let before = first + self.faults[first..].partition_point(|other| other.at < scheduled.at);
+        self.faults.insert(before, scheduled);
+    }
+    /// Removes one such end, from the index `first` on.
+    pub fn remove_end(&mut self, first: usize, at: Time, fault: Fault) {
+        let is_end = |other: &Scheduled| other.at == at && other.fault == fault;
+        if let Some(index) = self.faults.iter().skip(first).position(is_end) {
+            self.faults.remove(first + index);
+        }
     }
     /// Iterates over the faults in order.
     pub fn iter(&self) -> impl Iterator<Item = &Scheduled> {

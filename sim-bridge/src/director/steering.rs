@@ -1,5 +1,6 @@
 //! Commands of an operator that steer one module, as text and as data. Each holds for a while and then ends by itself.
 
+use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::Span;
 use std::fmt;
@@ -20,13 +21,15 @@ pub enum Steering {
     Take(u8, Span),
     /// It stays where it is.
     Hold(Span),
+    /// It and this other module do what the other one was commanded, as long as that holds.
+    Swap(ModuleId),
     /// It decides for itself again.
     Release,
 }
 
 impl Steering {
     /// The verbs.
-    pub const VERBS: [&str; 4] = ["goto", "take", "hold", "release"];
+    pub const VERBS: [&str; 5] = ["goto", "take", "hold", "swap", "release"];
 
     /// Reads a command without the module, such as `goto` and `[4, 5, 0] for 30s`. `None` if it is none.
     pub fn parse(verb: &str, rest: &str) -> Option<Steering> {
@@ -38,6 +41,7 @@ impl Steering {
             "goto" => Some(Steering::GoTo(read_cell(what)?, lease)),
             "take" => Some(Steering::Take(what.parse().ok().filter(|seed| *seed < PLACES)?, lease)),
             "hold" if what.is_empty() => Some(Steering::Hold(lease)),
+            "swap" => Some(Steering::Swap(ModuleId(rest.trim().parse().ok()?))),
             "release" if rest.trim().is_empty() => Some(Steering::Release),
             _ => None,
         }
@@ -48,6 +52,7 @@ impl Steering {
             Steering::GoTo(..) => "goto",
             Steering::Take(..) => "take",
             Steering::Hold(_) => "hold",
+            Steering::Swap(_) => "swap",
             Steering::Release => "release",
         }
     }
@@ -56,16 +61,21 @@ impl Steering {
 /// Writes what follows the module, with its blank.
 impl fmt::Display for Steering {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let lease = |f: &mut fmt::Formatter<'_>, lease: Span| match lease.0 % 1_000_000_000 {
-            0 => write!(f, " for {}s", lease.0 / 1_000_000_000),
-            _ => write!(f, " for {}ns", lease.0),
-        };
         match *self {
-            Steering::GoTo(cell, span) => write!(f, " {cell}").and_then(|()| lease(f, span)),
-            Steering::Take(seed, span) => write!(f, " {seed}").and_then(|()| lease(f, span)),
-            Steering::Hold(span) => lease(f, span),
+            Steering::GoTo(cell, span) => write!(f, " {cell}").and_then(|()| write_lease(f, span)),
+            Steering::Take(seed, span) => write!(f, " {seed}").and_then(|()| write_lease(f, span)),
+            Steering::Hold(span) => write_lease(f, span),
+            Steering::Swap(other) => write!(f, " {other}"),
             Steering::Release => Ok(()),
         }
+    }
+}
+
+/// Writes how long a command holds, with a blank before it.
+pub fn write_lease(f: &mut fmt::Formatter<'_>, lease: Span) -> fmt::Result {
+    match lease.0 % 1_000_000_000 {
+        0 => write!(f, " for {}s", lease.0 / 1_000_000_000),
+        _ => write!(f, " for {}ns", lease.0),
     }
 }
 
@@ -90,7 +100,7 @@ fn read_numbers<const N: usize>(text: &str) -> Option<[i16; N]> {
 }
 
 /// Reads a time from a nanosecond to the longest lease, in whole seconds or nanoseconds.
-fn read_lease(text: &str) -> Option<Span> {
+pub fn read_lease(text: &str) -> Option<Span> {
     let text = text.trim();
     let nanoseconds = match text.strip_suffix("ns") {
         Some(number) => number.parse::<u64>().ok()?,
@@ -110,6 +120,7 @@ mod tests {
             Steering::GoTo(cell, Span::secs(30)),
             Steering::Take(31, Span(1_500_000_001)),
             Steering::Hold(LONGEST_LEASE),
+            Steering::Swap(ModuleId(5)),
             Steering::Release,
         ];
         for steering in all {
@@ -131,6 +142,8 @@ mod tests {
             ("take", "128"),
             ("take", ""),
             ("hold", "3"),
+            ("swap", ""),
+            ("swap", "5 for 3s"),
             ("release", "now"),
             ("stay", ""),
         ] {

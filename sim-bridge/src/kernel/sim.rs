@@ -518,6 +518,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             }
             Command::Order(id, order) => self.pass(id, BodyMessage::Order(order)),
             Command::Finish => self.finished = true,
+            Command::Links(changes) => self.config.link.changes = changes,
         }
     }
 

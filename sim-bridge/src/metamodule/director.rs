@@ -16,12 +16,14 @@ use crate::director::progress::{Progress, Stage, Stop};
 use crate::metamodule::faults::{COMMANDS, DROP, OBSTACLE, OBSTACLE_GONE};
 use crate::metamodule::relocation::{Elsewhere, Shift, Trials, clear_places};
 use crate::metamodule::world::MetamoduleWorld;
+use injection::Commanded;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedSet, Task};
 use metamorph_protocol::metamodule::message::{Order, Status};
 use metamorph_protocol::metamodule::params::{SeedAuthority, Setup, Strategy};
 use metamorph_protocol::metamodule::planning::cooperative::{SearchResult, Standstill, WORK, search};
+use metamorph_protocol::metamodule::tuning::Tuning;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
@@ -108,8 +110,10 @@ pub struct MetamoduleDirector {
     /// The execution of plans under the strategy `planned`; `None` under the others.
     execution: Option<PlanExecution>,
     operator: Option<Operator>,
-    /// The ends of the leases of what metamodules are commanded.
-    leases: BTreeMap<ModuleId, Time>,
+    /// What metamodules were commanded last.
+    leases: BTreeMap<ModuleId, Commanded>,
+    /// The parameters that a command has changed.
+    tuned: Option<Tuning>,
 }
 
 /// Creates the entry of a new goal. Its `known` stays `None`, since no agent counts the filled seeds.
@@ -154,6 +158,7 @@ impl MetamoduleDirector {
             detected: None,
             alarms: 0,
             leases: BTreeMap::new(),
+            tuned: None,
             operator: plan.operator.map(|(habits, seed)| Operator::new(habits, 1, seed)),
             execution: is_planned.then(|| PlanExecution::new(plan.hands_over, plan.round_trip)),
         }
@@ -437,7 +442,7 @@ impl MetamoduleDirector {
         let cut = now < self.stop.planned_until;
         let attended = self.operator.as_ref().is_some_and(|operator| operator.attends(0));
         // The end of a lease may resolve a standstill.
-        let leased = self.leases.values().copied().max().unwrap_or(Time::ZERO);
+        let leased = self.leases.values().map(|commanded| commanded.until).max().unwrap_or(Time::ZERO);
         let planned = self.faults.is_pending() || !self.changes.is_empty() || cut || attended || now < leased;
         if !planned && self.is_stranded(world) && self.move_away(now, world) {
             return;
@@ -526,6 +531,7 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
             let order = self.seeds();
             self.commands.push_back(Command::Order(id, order));
         }
+        self.commands.extend(self.tuned.map(|tuning| Command::Order(id, Order::Tune(tuning))));
         let there = |cell: &Cell| Command::Order(id, Order::Obstacle { cell: *cell, there: true });
         self.commands.extend(self.obstacles.iter().map(there));
         // A metamodule that has lost its memory has to be told the deaths again; repeating them to the others
@@ -561,8 +567,8 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
         let world = [[&OBSTACLE, &OBSTACLE_GONE, &DROP].as_slice(), &COMMANDS].concat();
         // The rules read all but the injector.
         let mut faults = std::mem::take(&mut self.faults);
-        let taken =
-            faults.input_if(now, kind, bytes, self.known.len(), &world, |fault: &Fault| self.rule(fault));
+        let taken = faults
+            .input_if(now, kind, bytes, self.known.len(), &world, |fault: &Fault| self.rule(now, fault));
         self.faults = faults;
         taken
     }

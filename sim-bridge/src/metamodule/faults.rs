@@ -1,14 +1,33 @@
-//! Faults of the world of metamodules, and commands that change their goal.
+//! Faults of the world of metamodules, and commands that change their goal or how they decide.
 
-use crate::director::faults::WorldFault;
+use crate::director::faults::{Form, WorldFault};
 
 /// A foreign object comes into a cell.
-pub const OBSTACLE: WorldFault = WorldFault { name: "block", harms: true, shifts: false };
+pub const OBSTACLE: WorldFault = WorldFault { name: "block", harms: true, form: Form::Cell };
 /// The foreign object is removed.
-pub const OBSTACLE_GONE: WorldFault = WorldFault { name: "unblock", harms: false, shifts: false };
+pub const OBSTACLE_GONE: WorldFault = WorldFault { name: "unblock", harms: false, form: Form::Cell };
 /// All latches on an element open by themselves, and it falls.
-pub const DROP: WorldFault = WorldFault { name: "drop", harms: true, shifts: false };
+pub const DROP: WorldFault = WorldFault { name: "drop", harms: true, form: Form::Element };
 /// The goal moves along the floor: by this many connectors along x and y.
-pub const GOAL_MOVED: WorldFault = WorldFault { name: "goal.move", harms: false, shifts: true };
+pub const GOAL_MOVED: WorldFault = WorldFault { name: "goal.move", harms: false, form: Form::Shift };
+/// Another goal of the scenario, by its number from 0, is built from now on, in its own place.
+pub const GOAL_SET: WorldFault = WorldFault { name: "goal.set", harms: false, form: Form::Number };
+/// A parameter of the published strategies is another one from now on.
+pub const TUNED: WorldFault = WorldFault { name: "tune", harms: false, form: Form::Word(&TUNABLE) };
 /// What operators can command besides faults.
-pub const COMMANDS: [&WorldFault; 1] = [&GOAL_MOVED];
+pub const COMMANDS: [&WorldFault; 3] = [&GOAL_MOVED, &GOAL_SET, &TUNED];
+
+/// The parameters with their values, as a scenario writes them. A strategy brings its own repulsion and precedence.
+pub const TUNABLE: [&str; 11] = [
+    "strategy=greedy",
+    "strategy=slope",
+    "strategy=step",
+    "repulsion=off",
+    "repulsion=slope",
+    "repulsion=step",
+    "precedence=off",
+    "precedence=seed-distance",
+    "precedence=id",
+    "settled_repel=true",
+    "settled_repel=false",
+];

@@ -213,7 +213,7 @@ pub fn resume<R: Runnable>(
     let parts = parts_of(&file);
     let adopted = adopt(&parts, build())?;
     let recovered = recover(swarm, plan, part.by_ref())?;
-    let Recovered { world, director, struck, until, agents, latest, restarting, finishing, counted } =
+    let Recovered { world, director, struck, until, agents, latest, restarting, finishing, links, counted } =
         recovered;
     let mut said = vec![format!(
         "the controller was killed; another one resumed the run at {}",
@@ -244,7 +244,7 @@ pub fn resume<R: Runnable>(
     let log = both(Some(keeping.log()), page.scribe).expect("invariant: two logs make one, and one is there");
     let mut recorded = RecordedWorld::new(world, log.clone());
     let mut brain = RecordedDirector::after(director, log, struck);
-    let resumption = Resumption { until, agents, latest, restarting, finishing, counted };
+    let resumption = Resumption { until, agents, latest, restarting, finishing, links, counted };
     let ran = resume_swarm(&options, adopted, resumption, &mut recorded, &mut brain);
     let outcome = ran.inspect_err(|_| keeping.give_up())?;
     let Watched { brain, live, .. } = brain.into_inner();

@@ -90,7 +90,7 @@ pub fn check(commands: &[RawCommands], bounds: &Bounds<'_>, diagnostics: &mut Di
     for RawCommands { at, operator, faults } in commands {
         let at = bounds.time(at, diagnostics);
         for fault in faults {
-            if let Some(id) = fault.value.module() {
+            for id in fault.value.modules() {
                 bounds.module(&At::new(u64::from(id.0), fault.place.clone()), diagnostics);
             }
             checked.push(Scheduled { at, fault: fault.value, by: Origin::Operator(*operator) });
@@ -120,8 +120,8 @@ pub fn schema() -> Definitions {
     let command = json!({
         "type": "string",
         "pattern": concat!(
-            r"^\s*((kill|pause|resume|restart|stick|unstick|release) \d+|(goto|take|hold) \d+ ?.*",
-            r"|(block|unblock|goal\.move) \[.*\])\s*$",
+            r"^\s*((kill|pause|resume|restart|stick|unstick|release) \d+|(goto|take|hold|swap) \d+ ?.*",
+            r"|(loss|partition|tune|goal\.set) .+|(block|unblock|goal\.move) \[.*\])\s*$",
         ),
     });
     vec![(

@@ -8,6 +8,7 @@ use metamorph_module_agent::regular_file;
 use metamorph_module_agent::run_dir::run_name::{RunName, RunNameError};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::link::LinkChanges;
 use metamorph_protocol::time::Time;
 use std::collections::{BTreeSet, VecDeque};
 use std::fs;
@@ -68,6 +69,8 @@ pub struct Resumption<A: Agent> {
     pub restarting: BTreeSet<ModuleId>,
     /// True if the director had ended the run, so that only its agents remain to be ended.
     pub finishing: bool,
+    /// What the director had changed about the links between modules.
+    pub links: LinkChanges,
     /// The counts of the controller.
     pub counted: Counted,
 }

@@ -5,6 +5,7 @@ use crate::counters::Class;
 use crate::cube::body::{Move, Percept, Refusal};
 use crate::cube::control::{CustodyAnnouncement, Order, Status};
 use crate::cube::route::MAX_HOPS;
+use crate::cube::steering::Steering;
 use crate::ids::{Incarnation, Port, Session};
 use crate::lattice::{Cell, Motion, MotionKind};
 use crate::time::Time;
@@ -96,7 +97,9 @@ fn every_message_survives_the_wire_and_knows_its_length() {
         face: Face::Up,
         is_final: true,
     };
-    for order in [Order::Goal { epoch: 3 }, condemn, Order::Custody(custody)] {
+    let steer = |steering| Order::Steer { steering, until: Time(9) };
+    let commands = [Steering::Release, Steering::Hold, Steering::GoTo(Cell::new(-1, 2, 3))].map(steer);
+    for order in [Order::Goal { epoch: 3 }, condemn, Order::Custody(custody)].into_iter().chain(commands) {
         assert_eq!(Frame::seal(header(), &order).message::<Order>(), Ok(order));
     }
     let motion = Motion { kind: MotionKind::Convex, support: Face::Down, heading: Face::East };

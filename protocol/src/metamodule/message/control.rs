@@ -6,6 +6,7 @@ use crate::lattice::Cell;
 use crate::metamodule::blueprint::{MAX_SEEDS, SeedSet, Task};
 use crate::metamodule::pose::Pose;
 use crate::metamodule::steering::Steering;
+use crate::metamodule::tuning::Tuning;
 use crate::time::Time;
 use crate::wire::{Decoder, Encoder, Wire, WireError};
 
@@ -56,6 +57,8 @@ pub enum Order {
         /// The end of its lease.
         until: Time,
     },
+    /// What the parameters of the published strategies are from now on.
+    Tune(Tuning),
 }
 
 /// Whether one of the sets has seeds beyond the first 32: it is then written in full, in a message of another kind.
@@ -73,6 +76,7 @@ impl Wire for Order {
             Order::Alive { .. } => 19,
             Order::Instruct { .. } => 20,
             Order::Steer { .. } => 21,
+            Order::Tune(_) => 23,
         }
     }
     fn encode(&self, out: &mut Encoder) {
@@ -100,6 +104,7 @@ impl Wire for Order {
                 steering.encode(out);
                 out.u64(until.0);
             }
+            Order::Tune(tuning) => tuning.encode(out),
         }
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Order, WireError> {
@@ -117,6 +122,7 @@ impl Wire for Order {
             19 => Order::Alive { id: ModuleId(from.u32()?) },
             20 => Order::Instruct { number: from.u32()?, instruction: Instruction::decode(from)? },
             21 => Order::Steer { steering: Steering::decode(from)?, until: Time(from.u64()?) },
+            23 => Order::Tune(Tuning::decode(from)?),
             _ => return Err(WireError::Kind(kind)),
         })
     }

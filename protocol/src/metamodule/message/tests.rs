@@ -4,7 +4,9 @@ use super::*;
 use crate::counters::Class;
 use crate::ids::{Incarnation, Port};
 use crate::lattice::Cell;
+use crate::metamodule::params::Strategy;
 use crate::metamodule::pose::End;
+use crate::metamodule::tuning::Tuning;
 use crate::roombots::grid::GridState;
 use crate::time::Time;
 use crate::wire::{Channel, Frame, HEADER, Header};
@@ -112,6 +114,10 @@ fn everything_survives_the_wire() {
     let handle = Instruction::Handle { mover: origin, from: p, load };
     for instruction in [Instruction::Over, Instruction::Stay, steps, handle] {
         round_trip(&Order::Instruct { number: 7, instruction });
+    }
+    for strategy in Strategy::PUBLISHED {
+        let (repulsion, precedence) = (strategy.repulsion(), strategy.precedence());
+        round_trip(&Order::Tune(Tuning { strategy, repulsion, precedence, settled_repel: false }));
     }
     for (settled, filled) in [(None, filled), (Some(31), filled), (Some(127), wide)] {
         round_trip(&Status {

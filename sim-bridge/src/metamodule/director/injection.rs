@@ -2,18 +2,27 @@
 
 use super::MetamoduleDirector;
 use crate::director::faults::{Fault, Target};
-use crate::director::steering::Steering as Commanded;
-use crate::metamodule::faults::{DROP, GOAL_MOVED, OBSTACLE, OBSTACLE_GONE};
+use crate::director::steering::Steering as Wish;
+use crate::metamodule::faults::{DROP, GOAL_MOVED, GOAL_SET, OBSTACLE, OBSTACLE_GONE, TUNED};
 use crate::metamodule::relocation::Shift;
 use crate::metamodule::world::MetamoduleWorld;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::Task;
 use metamorph_protocol::metamodule::message::Order;
-use metamorph_protocol::metamodule::params::Strategy;
+use metamorph_protocol::metamodule::params::{Precedence, PrecedenceBy, Repulsion, Strategy};
 use metamorph_protocol::metamodule::steering::Steering;
+use metamorph_protocol::metamodule::tuning::Tuning;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
+use std::sync::Arc;
+
+/// What a metamodule is commanded, and until when.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Commanded {
+    pub steering: Steering,
+    pub until: Time,
+}
 
 impl MetamoduleDirector {
     /// Describes the state of a metamodule at the moment of a fault.
@@ -33,7 +42,7 @@ impl MetamoduleDirector {
         self.last_deed = now;
         let Some(id) = fault.module() else { return self.strike_cell(now, fault, world) };
         let (alive, mut effect, rule) =
-            (self.known[id.index()].alive, self.found(id, world), self.rule(&fault));
+            (self.known[id.index()].alive, self.found(id, world), self.rule(now, &fault));
         if let Err(rule) = &rule {
             effect = format!("{effect}; refused: {rule}");
         }
@@ -49,6 +58,12 @@ impl MetamoduleDirector {
     fn strike_cell(&mut self, now: Time, fault: Fault, world: &mut MetamoduleWorld) {
         if let Fault::World(&GOAL_MOVED, Target::Shift(x, y)) = fault {
             return self.move_goal(now, fault, (x, y));
+        }
+        if let Fault::World(&GOAL_SET, Target::Number(goal)) = fault {
+            return self.set_goal(now, fault, goal);
+        }
+        if let Fault::World(&TUNED, Target::Word(word)) = fault {
+            return self.tune(now, fault, word);
         }
         let (cell, there, done) = match fault {
             Fault::World(&DROP, Target::Element(element)) => {
@@ -78,20 +93,37 @@ impl MetamoduleDirector {
     }
 
     /// Hands a command that no rule refuses to the metamodule.
-    fn steer(&mut self, now: Time, id: ModuleId, commanded: Commanded) {
-        let (steering, lease) = match commanded {
-            Commanded::GoTo(to, lease) => (Steering::GoTo((to.x, to.y)), lease),
-            Commanded::Take(seed, lease) => (Steering::Take(seed), lease),
-            Commanded::Hold(lease) => (Steering::Hold, lease),
-            Commanded::Release => (Steering::Release, Span::ZERO),
+    fn steer(&mut self, now: Time, id: ModuleId, wish: Wish) {
+        let (steering, lease) = match wish {
+            Wish::GoTo(to, lease) => (Steering::GoTo((to.x, to.y)), lease),
+            Wish::Take(seed, lease) => (Steering::Take(seed), lease),
+            Wish::Hold(lease) => (Steering::Hold, lease),
+            Wish::Release => (Steering::Release, Span::ZERO),
+            Wish::Swap(other) => {
+                // Invariant: no rule refuses it, so both have been commanded something.
+                if let (Some(own), Some(others)) = (self.holding(now, id), self.holding(now, other)) {
+                    self.command(id, others);
+                    self.command(other, own);
+                }
+                return;
+            }
         };
-        let until = now + lease;
-        self.leases.insert(id, until);
+        self.command(id, Commanded { steering, until: now + lease });
+    }
+
+    fn command(&mut self, id: ModuleId, commanded: Commanded) {
+        self.leases.insert(id, commanded);
+        let Commanded { steering, until } = commanded;
         self.commands.push_back(Command::Order(id, Order::Steer { steering, until }));
     }
 
+    /// Returns what a metamodule is commanded at this time.
+    fn holding(&self, now: Time, id: ModuleId) -> Option<Commanded> {
+        self.leases.get(&id).copied().filter(|c| c.steering != Steering::Release && now < c.until)
+    }
+
     fn move_goal(&mut self, now: Time, fault: Fault, by: Shift) {
-        let rule = self.rule(&fault);
+        let rule = self.rule(now, &fault);
         let effect = match &rule {
             Ok(()) => format!("the goal was shifted by {:?} before", self.task.shift),
             Err(rule) => format!("refused: {rule}"),
@@ -103,19 +135,80 @@ impl MetamoduleDirector {
         }
     }
 
+    fn set_goal(&mut self, now: Time, fault: Fault, goal: u16) {
+        let rule = self.rule(now, &fault);
+        let effect = match &rule {
+            Ok(()) => format!("goal {} was built before", self.task.goal),
+            Err(rule) => format!("refused: {rule}"),
+        };
+        self.faults.inject(now, fault, false, effect, &mut self.commands);
+        if let (Ok(()), Ok(goal)) = (rule, u8::try_from(goal)) {
+            self.begin(now, goal, (0, 0));
+        }
+    }
+
+    fn tune(&mut self, now: Time, fault: Fault, word: &str) {
+        let tuned = Tuning::of(&self.setup.params).and_then(|before| tuned(before, word));
+        let effect = match (self.rule(now, &fault), tuned) {
+            (Ok(()), Some(tuning)) => {
+                self.setup = Arc::new(tuning.apply(&self.setup));
+                self.tuned = Some(tuning);
+                self.order_all(Order::Tune(tuning));
+                format!("{word} from now on")
+            }
+            (Err(rule), _) => format!("refused: {rule}"),
+            (Ok(()), None) => format!("refused: there is no `{word}`"),
+        };
+        self.faults.inject(now, fault, false, effect, &mut self.commands);
+    }
+
     /// Returns the rule that refuses a command, and what to do instead.
     ///
     /// # Errors
     /// If there is one.
-    pub(super) fn rule(&self, fault: &Fault) -> Result<(), String> {
+    pub(super) fn rule(&self, now: Time, fault: &Fault) -> Result<(), String> {
         match *fault {
+            Fault::Steer(id, Wish::Swap(other)) => self.rule_of_swap(now, id, other),
             Fault::Steer(id, steering) => self.rule_of_steering(id, steering),
+            Fault::World(&GOAL_SET, Target::Number(goal)) => self.rule_of_another_goal(goal),
+            Fault::World(&TUNED, _) if Tuning::of(&self.setup.params).is_none() => Err(format!(
+                "strategy: `{}` has no such parameters; only greedy, slope and step have",
+                self.setup.params.strategy.name()
+            )),
             Fault::World(&GOAL_MOVED, Target::Shift(x, y)) => self.rule_of_goal((x, y)),
             _ => Ok(()),
         }
     }
 
-    fn rule_of_steering(&self, id: ModuleId, steering: Commanded) -> Result<(), String> {
+    fn rule_of_swap(&self, now: Time, id: ModuleId, other: ModuleId) -> Result<(), String> {
+        self.rule_of_steering(id, Wish::Release)?;
+        self.rule_of_steering(other, Wish::Release)?;
+        for id in [id, other] {
+            if self.holding(now, id).is_none() {
+                let why = "which can be swapped; command `take`, `goto` or `hold` first";
+                return Err(format!("no-command: metamodule {id} has been commanded nothing {why}"));
+            }
+        }
+        Ok(())
+    }
+
+    fn rule_of_another_goal(&self, goal: u16) -> Result<(), String> {
+        if self.setup.params.strategy == Strategy::Planned {
+            let why = "under `planned` goals change only at their times; use another strategy";
+            return Err(format!("central-plan: {why}"));
+        }
+        let goals = self.setup.goals.len();
+        if usize::from(goal) >= goals {
+            let why = format!("the scenario has no goal {goal}; they are numbered from 0 to {}", goals - 1);
+            return Err(format!("goal: {why}"));
+        }
+        if goal == u16::from(self.task.goal) {
+            return Err(format!("goal: goal {goal} is the one that is built; `goal.move` moves it"));
+        }
+        Ok(())
+    }
+
+    fn rule_of_steering(&self, id: ModuleId, steering: Wish) -> Result<(), String> {
         let refused = |rule: &str, why: String| Err(format!("{rule}: {why}"));
         if self.setup.params.strategy == Strategy::Planned {
             let why = "under `planned` the controller moves all metamodules; use another strategy".to_owned();
@@ -131,17 +224,17 @@ impl MetamoduleDirector {
             return refused("settled", why);
         }
         match steering {
-            Commanded::GoTo(Cell { x, y, z }, _) if z != 0 || !self.setup.floor.has(x, y) => {
+            Wish::GoTo(Cell { x, y, z }, _) if z != 0 || !self.setup.floor.has(x, y) => {
                 refused("floor", format!("there is no connector at [{x}, {y}, {z}]; choose one of the floor"))
             }
-            Commanded::Take(seed, _) if !self.setup.goal(self.task).all().has(seed) => {
+            Wish::Take(seed, _) if !self.setup.goal(self.task).all().has(seed) => {
                 let seeds = self.setup.goal(self.task).seeds().len();
                 refused(
                     "goal",
                     format!("the goal has no seed {seed}; they are numbered from 0 to {}", seeds - 1),
                 )
             }
-            Commanded::Take(seed, _) if self.filled.has(seed) => {
+            Wish::Take(seed, _) if self.filled.has(seed) => {
                 refused("filled", format!("seed {seed} is filled; take another one"))
             }
             _ => Ok(()),
@@ -157,5 +250,55 @@ impl MetamoduleDirector {
             return Err(format!("floor: the goal would leave the floor at {:?}; move it less", task.shift));
         }
         Ok(())
+    }
+}
+
+/// Returns parameters of which one has the value that a word such as `strategy=slope` says. `None` if it says none.
+fn tuned(before: Tuning, word: &str) -> Option<Tuning> {
+    let (key, value) = word.split_once('=')?;
+    let strategy = Strategy::PUBLISHED.into_iter().find(|strategy| strategy.name() == value);
+    let within = before.precedence.or(Strategy::Greedy.precedence())?.within;
+    let by = PrecedenceBy::ALL.into_iter().find(|by| by.name() == value);
+    Some(match (key, value) {
+        ("strategy", _) => {
+            let strategy = strategy?;
+            let (repulsion, precedence) = (strategy.repulsion(), strategy.precedence());
+            Tuning { strategy, repulsion, precedence, ..before }
+        }
+        ("repulsion", "off") => Tuning { repulsion: Repulsion { strength: 0, ..before.repulsion }, ..before },
+        ("repulsion", _) => Tuning { repulsion: strategy?.repulsion(), ..before },
+        ("precedence", "off") => Tuning { precedence: None, ..before },
+        ("precedence", _) => Tuning { precedence: Some(Precedence { within, by: by? }), ..before },
+        ("settled_repel", _) => Tuning { settled_repel: value.parse().ok()?, ..before },
+        _ => return None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metamodule::faults::TUNABLE;
+
+    #[test]
+    fn every_word_changes_a_parameter_of_some_strategy() {
+        for word in TUNABLE {
+            let changes = Strategy::PUBLISHED.into_iter().any(|strategy| {
+                let (repulsion, precedence) = (strategy.repulsion(), strategy.precedence());
+                [true, false].into_iter().any(|settled_repel| {
+                    let before = Tuning { strategy, repulsion, precedence, settled_repel };
+                    tuned(before, word).unwrap() != before
+                })
+            });
+            assert!(changes, "{word}");
+        }
+        let before = Tuning {
+            strategy: Strategy::Slope,
+            repulsion: Strategy::Slope.repulsion(),
+            precedence: None,
+            settled_repel: true,
+        };
+        for word in ["strategy=negotiated", "precedence=3", "settled_repel=off", "patience=3s", "strategy"] {
+            assert_eq!(tuned(before, word), None, "{word}");
+        }
     }
 }

@@ -38,7 +38,7 @@ impl MetamoduleDirector {
         let Some(mut operator) = self.operator.take() else { return };
         let acts = operator.step(now, &[&self.picture(world)]);
         for act in acts {
-            match self.rule(&act.command) {
+            match self.rule(now, &act.command) {
                 Ok(()) => self.faults.command(now, act.command, SCRIPTED),
                 Err(_) => operator.refused(),
             }

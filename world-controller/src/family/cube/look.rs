@@ -123,7 +123,7 @@ impl Visible for Cube {
     fn goal(order: &Order) -> Option<(u16, (i16, i16))> {
         match order {
             Order::Goal { epoch } => Some((*epoch, (0, 0))),
-            Order::Condemn { .. } | Order::Custody(_) => None,
+            Order::Condemn { .. } | Order::Custody(_) | Order::Steer { .. } => None,
         }
     }
 }

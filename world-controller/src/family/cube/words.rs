@@ -5,6 +5,7 @@ use metamorph_protocol::cube::Cube;
 use metamorph_protocol::cube::body::{Move, Percept as CubePercept, Refusal as CubeRefusal};
 use metamorph_protocol::cube::control::{Order as CubeOrder, Status as CubeStatus};
 use metamorph_protocol::cube::message::Role;
+use metamorph_protocol::cube::steering::Steering;
 use metamorph_protocol::lattice::{Cell, Face, MotionKind};
 use metamorph_protocol::time::Time;
 
@@ -42,6 +43,11 @@ impl Worded for Cube {
                 let was = if *finalized { ", and was finalized" } else { "" };
                 format!("the neighbour at port {port} is dead{was}")
             }
+            CubeOrder::Steer { steering, until } => match steering {
+                Steering::Release => "an operator commands nothing any more".to_owned(),
+                Steering::Hold => format!("an operator commands: stay until {until}"),
+                Steering::GoTo(cell) => format!("an operator commands: go to {cell}, until {until}"),
+            },
             CubeOrder::Custody(of) => {
                 format!("the dead module at {} is held by the one at {}", of.dead, of.holder())
             }

@@ -206,7 +206,8 @@ impl Visible for Metamodule {
             | Order::Alive { .. }
             | Order::Obstacle { .. }
             | Order::Instruct { .. }
-            | Order::Steer { .. } => None,
+            | Order::Steer { .. }
+            | Order::Tune(_) => None,
         }
     }
 }

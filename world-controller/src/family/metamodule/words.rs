@@ -71,6 +71,12 @@ impl Worded for Metamodule {
                 Steering::GoTo((x, y)) => format!("an operator commands: go to [{x}, {y}, 0], until {until}"),
                 Steering::Take(seed) => format!("an operator commands: fill seed {seed}, until {until}"),
             },
+            MetamoduleOrder::Tune(tuning) => format!(
+                "from now on: strategy {}, repulsion {} thousandths, precedence {}",
+                tuning.strategy.name(),
+                tuning.repulsion.strength,
+                tuning.precedence.map_or("off", |precedence| precedence.by.name())
+            ),
             MetamoduleOrder::Instruct { instruction: Instruction::Over, .. } => {
                 "decide for yourself".to_owned()
             }

@@ -11,10 +11,11 @@ use crate::swarm::{ControlMessage, Counted, TakenOver};
 use metamorph_module_agent::process::runtime_message::RuntimeMessage;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::link::LinkChanges;
 use metamorph_protocol::runtime::{Command, Sensed};
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Wire;
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet};
 use thiserror::Error;
 
 /// The state of a run at the end of the controller's records.
@@ -35,6 +36,8 @@ pub struct Recovered<R: Runnable> {
     pub restarting: BTreeSet<ModuleId>,
     /// True if the director had ended the run.
     pub finishing: bool,
+    /// What the director had changed about the links between modules.
+    pub links: LinkChanges,
     /// The controller's counts.
     pub counted: Counted,
 }
@@ -70,6 +73,7 @@ pub fn recover<R: Runnable>(
         latest: vec![Incarnation(0); plan.swarm.len()],
         restarting: BTreeSet::new(),
         finishing: false,
+        links: LinkChanges::default(),
         counted: Counted::default(),
     };
     for record in records {
@@ -82,9 +86,9 @@ pub fn recover<R: Runnable>(
     }
     let until = engine.done().until;
     let (world, director, struck) = engine.into_parts();
-    let Notes { agents, latest, restarting, finishing, counted } = notes;
+    let Notes { agents, latest, restarting, finishing, links, counted } = notes;
     let agents = agents.into_values().collect();
-    Ok(Recovered { world, director, struck, until, agents, latest, restarting, finishing, counted })
+    Ok(Recovered { world, director, struck, until, agents, latest, restarting, finishing, links, counted })
 }
 
 /// What the controller's records say about the agents' processes.
@@ -93,6 +97,7 @@ struct Notes<A: Agent> {
     latest: Vec<Incarnation>,
     restarting: BTreeSet<ModuleId>,
     finishing: bool,
+    links: LinkChanges,
     counted: Counted,
 }
 
@@ -105,12 +110,14 @@ impl<A: Agent> Notes<A> {
                 if let Some(latest) = self.latest.get_mut(id.index()) {
                     *latest = *incarnation;
                 }
+                let changes = Some(self.links).filter(|links| !links.is_none());
+                let told = changes.map(|links| ControlMessage::Runtime(RuntimeMessage::Links(links)));
                 let begun = TakenOver {
                     id: *id,
                     incarnation: *incarnation,
                     place: read(place)?,
                     heard: 0,
-                    told: VecDeque::new(),
+                    told: told.into_iter().collect(),
                     terminating: false,
                     paused: false,
                 };
@@ -169,6 +176,13 @@ impl<A: Agent> Notes<A> {
                 self.counted.control_messages += u64::from(self.tell(*id, letter));
             }
             Command::Finish => self.finishing = true,
+            Command::Links(changes) => {
+                self.links = *changes;
+                let all: Vec<ModuleId> = self.agents.keys().copied().collect();
+                for id in all {
+                    self.tell(id, ControlMessage::Runtime(RuntimeMessage::Links(*changes)));
+                }
+            }
         }
         Ok(())
     }

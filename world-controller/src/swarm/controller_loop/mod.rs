@@ -26,6 +26,7 @@ use metamorph_module_agent::transport::shared_frame::SharedFrame;
 use metamorph_module_agent::transport::{AgentKey, ConnectError, Transport};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
+use metamorph_protocol::link::LinkChanges;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::runtime::Sensed;
@@ -70,6 +71,8 @@ pub struct ControllerLoop<'a, W: World, D, B: Backend> {
     world: &'a mut W,
     director: &'a mut D,
     links: Links,
+    /// What the director has changed about the links between modules.
+    link_changes: LinkChanges,
     /// Processes with waiting messages, each once.
     unsent: Vec<usize>,
     outcome: SwarmOutcome,
@@ -104,6 +107,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
             processes: (0..world.len() as u32).map(|id| Process::new(ModuleId(id))).collect(),
             transport,
             links: Links::of(world.len() as u64),
+            link_changes: LinkChanges::default(),
             world,
             director,
             unsent: Vec::new(),
@@ -426,6 +430,16 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         self.give_up(i, "did not take its messages for too long, and was killed");
     }
 
+    /// Changes what the links between modules do, in every agent.
+    fn change_links(&mut self, changes: LinkChanges) {
+        self.link_changes = changes;
+        for i in 0..self.processes.len() {
+            if matches!(self.processes[i].stage, Stage::Running | Stage::Lost) {
+                self.tell(i, ControlMessage::Runtime(RuntimeMessage::Links(changes)));
+            }
+        }
+    }
+
     /// Kills a process that cannot go on; its end is reported as a crash with this reason.
     fn give_up(&mut self, i: usize, why: &'static str) {
         let process = &mut self.processes[i];
@@ -497,6 +511,10 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
             let id = match &command {
                 Command::Finish => {
                     self.finishing = true;
+                    continue;
+                }
+                Command::Links(changes) => {
+                    self.change_links(*changes);
                     continue;
                 }
                 Command::Kill(id) | Command::Pause(id) | Command::Resume(id) => *id,

@@ -35,7 +35,8 @@ where
     }
 
     fn take_over(&mut self, root: &Path, epoch: u64, from: Resumption<W::Agent>) {
-        let Resumption { until, agents, latest, mut restarting, finishing, counted } = from;
+        let Resumption { until, agents, latest, mut restarting, finishing, links, counted } = from;
+        self.link_changes = links;
         (self.epoch, self.last) = (epoch, until);
         self.finishing = finishing;
         self.outcome.launched = self.processes.len() as u32;

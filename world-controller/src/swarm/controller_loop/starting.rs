@@ -109,6 +109,9 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         let place = self.world.place(self.processes[i].id);
         self.processes[i].stage = Stage::Running;
         self.tell(i, ControlMessage::Runtime(RuntimeMessage::Begin { place }));
+        if !self.link_changes.is_none() {
+            self.tell(i, ControlMessage::Runtime(RuntimeMessage::Links(self.link_changes)));
+        }
     }
 
     /// Lets a restarted process join the run.

@@ -1,0 +1,76 @@
+//! Commands of an operator to one cube: stay, or go towards a cell. They choose among the motions that the module could ask
+//! for anyway: every motion needs the same locks, and a module in reserve leaves only if it may.
+
+use super::Cube;
+use super::motion_planner::Courses;
+use crate::coverage::{CoveragePoint, hit};
+use crate::lattice::{Cell, Motion};
+use crate::rng::Rng;
+use crate::time::Time;
+use crate::wire::{Decoder, Encoder, WireError};
+
+/// What a cube is commanded to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Steering {
+    /// It decides for itself again.
+    Release,
+    /// It stays where it is.
+    Hold,
+    /// It goes towards this cell, as long as a move brings it nearer, and stays there.
+    GoTo(Cell),
+}
+
+impl Steering {
+    pub(super) fn encode(self, out: &mut Encoder) {
+        let (kind, cell) = match self {
+            Steering::Release => (0, Cell::default()),
+            Steering::Hold => (1, Cell::default()),
+            Steering::GoTo(cell) => (2, cell),
+        };
+        out.u8(kind);
+        out.cell(cell);
+    }
+    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Steering, WireError> {
+        match (from.u8()?, from.cell()?) {
+            (0, cell) if cell == Cell::default() => Ok(Steering::Release),
+            (1, cell) if cell == Cell::default() => Ok(Steering::Hold),
+            (2, cell) => Ok(Steering::GoTo(cell)),
+            _ => Err(WireError::Field("steering")),
+        }
+    }
+}
+
+/// A command and the end of its lease.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Steered {
+    pub steering: Steering,
+    pub until: Time,
+}
+
+impl Cube {
+    /// Takes a command. A finalized module stays what it is.
+    pub(super) fn on_steering(&mut self, now: Time, steering: Steering, until: Time) {
+        hit(CoveragePoint::CubeSteered);
+        let is_over = steering == Steering::Release || until <= now;
+        self.steered = if is_over { None } else { Some(Steered { steering, until }) };
+        // What it asks for now, it would ask for itself.
+        self.abort_attempt(now, None);
+        self.decide_soon(now);
+    }
+
+    /// Returns the command that holds at this time.
+    pub(super) fn steered_at(&mut self, now: Time) -> Option<Steered> {
+        self.steered.take_if(|steered| now >= steered.until);
+        self.steered
+    }
+}
+
+/// Returns a motion that is free and brings a module nearest to a cell; of equally good ones, a random one. `None` if no
+/// motion brings it nearer than it is.
+pub(super) fn towards(cell: Cell, to: Cell, courses: &Courses, rng: &mut Rng) -> Option<Motion> {
+    let nearer = |motion: &Motion| motion.destination(cell).manhattan(to) < cell.manhattan(to);
+    let mut motions: Vec<Motion> = courses.free().filter(nearer).collect();
+    let nearest = motions.iter().map(|motion| motion.destination(cell).manhattan(to)).min()?;
+    motions.retain(|motion| motion.destination(cell).manhattan(to) == nearest);
+    motions.get(rng.below(motions.len() as u64) as usize).copied()
+}
