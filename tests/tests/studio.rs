@@ -75,7 +75,8 @@ fn a_repaired_chair_is_started_commanded_stopped_and_built() {
     let (status, answer) = view.post_to("run/command", &command.to_string());
     assert!(status == 200 || status == 202, "{answer}");
     assert_eq!(ask(&view, "stop", json!({})).0, 200);
-    assert_eq!(ended(&view)["outcome"], json!("aborted"));
+    let run = ended(&view);
+    assert_eq!(run["outcome"], json!("aborted"), "{run}");
 
     assert_eq!(ask(&view, "start", start(&cells, "cube", "sim")).0, 200);
     assert_eq!(ask(&view, "stop", json!({})).0, 200);
