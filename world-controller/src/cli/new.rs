@@ -212,6 +212,10 @@ mod tests {
                     .filter(|line| !line.starts_with("# "))
                     .map(|line| format!("{}\n", &line[1..]))
                     .collect();
+                // A drop needs an element, and the swarms of `new` have none.
+                if fault.contains("drop = ") {
+                    continue;
+                }
                 // Faults of hosts need hosts.
                 let hosts = text.replacen("#between_hosts = ", "between_hosts = ", 1);
                 let text = if fault.contains("h2") { &hosts } else { &text };
