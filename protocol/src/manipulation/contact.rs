@@ -17,7 +17,7 @@ use nalgebra::{Matrix3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Distance in cells from the centre of a cell to its corners: √3 / 2.
-const CORNER_RADIUS: f64 = 0.866_025_403_784_438_6;
+pub(super) const CORNER_RADIUS: f64 = 0.866_025_403_784_438_6;
 
 /// A cube of an element at any angle.
 pub(super) struct Block {

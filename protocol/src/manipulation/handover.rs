@@ -59,8 +59,8 @@ impl HandoverTable {
                 if moved(turned, port_of(receiver)) == occupied {
                     continue;
                 }
-                for (of_taker, receivers) in &receivers {
-                    let foot = turned.compose(of_taker.inverse());
+                for (of_receiver, receivers) in &receivers {
+                    let foot = turned.compose(of_receiver.inverse());
                     if is_foothold(foot) {
                         found.add(foot, &holders, receivers);
                     }

@@ -7,7 +7,7 @@ use super::carry::CarryTable;
 use crate::lattice::Face;
 use crate::roombots::database::Table;
 use crate::roombots::posture::is_middle;
-use crate::roombots::torque::{Load, torques};
+use crate::roombots::torque::{Load, Torque, torques};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -38,6 +38,15 @@ pub struct Peak {
 }
 
 impl Peak {
+    /// Returns the largest of the torques on all joints.
+    pub fn of(torques: &[Torque]) -> Peak {
+        let highest = |middle: bool| {
+            let of =
+                torques.iter().enumerate().filter(|(i, _)| is_middle(*i) == middle).map(|(_, t)| t.exact);
+            (of.fold(0.0, f64::max) * 1e6).ceil() as u32
+        };
+        Peak { outer: highest(false), middle: highest(true) }
+    }
     /// Returns true if no limit is exceeded.
     pub fn within(self, limits: Limits) -> bool {
         self.outer <= limits.outer && self.middle <= limits.middle
@@ -107,11 +116,7 @@ pub fn standing_peak(table: &Table, carry: &CarryTable, gravity: Face, posture: 
     let q = table.postures()[usize::from(posture)].posture.radians();
     let all = torques(table.kind(), &q, &load);
     let all = all.expect("invariant: a posture of the table has all joints and finite angles");
-    let highest = |middle: bool| {
-        let of = all.iter().enumerate().filter(|(i, _)| is_middle(*i) == middle).map(|(_, t)| t.exact);
-        (of.fold(0.0, f64::max) * 1e6).ceil() as u32
-    };
-    Peak { outer: highest(false), middle: highest(true) }
+    Peak::of(&all)
 }
 
 /// Returns the centre of mass of the element in the head frame, in cells.

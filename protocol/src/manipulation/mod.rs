@@ -9,7 +9,8 @@
 //!
 //! A [`terrain`] with everything that metamodules of one kind can do on it is a [`scene`]. The planner of [`transport`]
 //! searches it first without the bodies of metamodules that stand still, and [`verification`] carries out what was
-//! found with all bodies. [`resting`] has the places where it puts the element down on the way. [`walking`] moves a metamodule without an element among obstacles.
+//! found with all bodies. [`resting`] has the places where it puts the element down on the way. [`walking`] moves a
+//! metamodule without an element among obstacles.
 //!
 //! A [`structure`] of metamodules and elements is planned by taking it apart.
 //!

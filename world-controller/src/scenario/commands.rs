@@ -4,7 +4,7 @@
 use super::diagnostics::{At, Diagnostics};
 use super::error::ScenarioError;
 use super::family::ScenarioFamily;
-use super::faults::Bounds;
+use super::fault_plan::Bounds;
 use super::schema::{Definitions, of, or, said, table};
 use super::table::{Node, Read, Section, elements};
 use metamorph_protocol::time::{Span, Time};

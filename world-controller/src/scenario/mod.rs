@@ -17,6 +17,7 @@ mod controller_link;
 pub mod diagnostics;
 pub mod error;
 pub mod family;
+mod fault_plan;
 pub mod faults;
 pub mod hosts;
 mod hosts_summary;
@@ -40,7 +41,7 @@ use crate::console::escape::portable;
 use diagnostics::Diagnostics;
 use error::{MAX_BYTES, ScenarioError};
 use family::{Families, Swarm};
-use faults::Planned;
+use fault_plan::Planned;
 use metamorph_module_agent::regular_file;
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::ratio::Ratio;
@@ -189,7 +190,7 @@ impl Plan {
     /// Returns the same plan with another seed. Cheap: what does not depend on the seed is shared.
     pub fn with_seed(&self, seed: u64) -> Result<Plan, ScenarioError> {
         let swarm = self.swarm.with_seed(seed)?.unwrap_or_else(|| self.swarm.clone());
-        Ok(Plan { seed, schedule: faults::draw(&self.faults, seed), swarm, ..self.clone() })
+        Ok(Plan { seed, schedule: fault_plan::draw(&self.faults, seed), swarm, ..self.clone() })
     }
 
     /// Returns the command that repeats the run, with the file as [`Plan::file`] names it: for output that is

@@ -6,7 +6,7 @@ use super::commands;
 use super::diagnostics::{At, Diagnostics};
 use super::error::{LONGEST, SHORTEST, ScenarioError};
 use super::family::{DraftContext, FamilySpec, Patience};
-use super::faults::{self, Bounds, HostCut, Planned};
+use super::fault_plan::{self, Bounds, HostCut, Planned};
 use super::raw::{Raw, default_delay};
 use super::table::Delay;
 use super::{LinkKind, Overrides, Plan, StagePlan};
@@ -54,7 +54,7 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
         let timeout = stop.timeout.since(Time::ZERO);
         let swarm = draft.swarm.as_ref();
         let bounds = Bounds { modules: draft.modules, hosts: hosts.as_ref(), timeout, swarm };
-        let mut compiled = faults::compile(&raw.faults, &bounds, diagnostics);
+        let mut compiled = fault_plan::compile(&raw.faults, &bounds, diagnostics);
         let commands = commands::check(&raw.commands, &bounds, diagnostics);
         compiled.planned.extend(commands.into_iter().map(Planned::Command));
         for HostCut { hosts: (a, b), from, until } in compiled.cuts {
@@ -86,7 +86,7 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
         stages: draft.goals.into_iter().map(|name| StagePlan { name }).collect(),
         link,
         failure: raw.failed_connections.as_ref().map_or(NEVER, |f| f.value),
-        schedule: faults::draw(&faults, raw.seed),
+        schedule: fault_plan::draw(&faults, raw.seed),
         faults: faults.into(),
         stop,
         operator,

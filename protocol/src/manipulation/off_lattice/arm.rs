@@ -1,9 +1,9 @@
 //! A metamodule at any joint angles, with the cube that it holds or that lies beside it: what it touches, and its torques.
 
-use super::super::contact::Block;
 use crate::lattice::Cell;
+use crate::manipulation::contact::{Block, CORNER_RADIUS};
 use crate::manipulation::element::centre_of;
-use crate::manipulation::load::Limits;
+use crate::manipulation::load::{Limits, Peak};
 use crate::roombots::chain::{Chain, Pose};
 use crate::roombots::collision::{SHRINK, self_collision};
 use crate::roombots::convex::{Cuboid, overlap};
@@ -15,8 +15,6 @@ use nalgebra::{Matrix3, Vector3};
 
 /// Depth into the floor that does not count, in cells: 0.3 mm.
 const FLOOR_TOLERANCE: f64 = 0.3 / 110.0;
-/// Distance in cells from the centre of a cell to its corners.
-const CORNER: f64 = 0.866_025_403_784_438_6;
 
 /// Where the cube is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -95,15 +93,16 @@ impl Arm {
         }
         let block = Block { half: HALF_EDGE * SHRINK, ..cube };
         let meets = bodies.iter().any(|body| {
-            (block.centre - body.centre).norm() < (CORNER + OUTER_RADIUS) * SHRINK
+            (block.centre - body.centre).norm() < (CORNER_RADIUS + OUTER_RADIUS) * SHRINK
                 && overlap(&block, &body.scaled(SHRINK))
         });
         let is_clear = |cell: &Cell| {
             let cuboid = Cuboid { centre: middle(*cell), half: HALF_EDGE * SHRINK };
-            let near = |centre: &Vector3<f64>, radius: f64| (centre - cuboid.centre).norm() < CORNER + radius;
+            let near =
+                |centre: &Vector3<f64>, radius: f64| (centre - cuboid.centre).norm() < CORNER_RADIUS + radius;
             let body =
                 bodies.iter().any(|b| near(&b.centre, OUTER_RADIUS) && overlap(&b.scaled(SHRINK), &cuboid));
-            let cube = is_held && near(&block.centre, CORNER) && overlap(&block, &cuboid);
+            let cube = is_held && near(&block.centre, CORNER_RADIUS) && overlap(&block, &cuboid);
             !body && !cube
         };
         !meets && self.obstacles.iter().all(is_clear) && self.holds(q)
@@ -112,17 +111,7 @@ impl Arm {
     fn holds(&self, q: &[f64]) -> bool {
         let payload = if self.cube == Cube::Held { self.mass } else { 0.0 };
         let payload_at = Vector3::new(0.0, 0.0, -HALF_EDGE);
-        let Ok(torques) = torques(self.kind, q, &Load { payload, payload_at, ..Load::floor() }) else {
-            return false;
-        };
-        let limit = |joint: usize| {
-            let limit = if crate::roombots::posture::is_middle(joint) {
-                self.limits.middle
-            } else {
-                self.limits.outer
-            };
-            f64::from(limit) / 1e6
-        };
-        torques.iter().enumerate().all(|(joint, torque)| torque.exact <= limit(joint))
+        let load = Load { payload, payload_at, ..Load::floor() };
+        torques(self.kind, q, &load).is_ok_and(|all| Peak::of(&all).within(self.limits))
     }
 }

@@ -122,27 +122,25 @@ impl MetamoduleDirector {
         self.leases.get(&id).copied().filter(|c| c.steering != Steering::Release && now < c.until)
     }
 
-    fn move_goal(&mut self, now: Time, fault: Fault, by: Shift) {
+    /// Records a command about the goal and returns true if no rule refuses it; `before` says what it replaces.
+    fn is_taken(&mut self, now: Time, fault: Fault, before: String) -> bool {
         let rule = self.rule(now, &fault);
-        let effect = match &rule {
-            Ok(()) => format!("the goal was shifted by {:?} before", self.task.shift),
-            Err(rule) => format!("refused: {rule}"),
-        };
+        let is_taken = rule.is_ok();
+        let effect = rule.map_or_else(|rule| format!("refused: {rule}"), |()| before);
         self.faults.inject(now, fault, false, effect, &mut self.commands);
-        if rule.is_ok() {
-            let (x, y) = self.task.shift;
+        is_taken
+    }
+
+    fn move_goal(&mut self, now: Time, fault: Fault, by: Shift) {
+        let (x, y) = self.task.shift;
+        if self.is_taken(now, fault, format!("the goal was shifted by {:?} before", (x, y))) {
             self.move_to(now, (x.saturating_add(by.0), y.saturating_add(by.1)));
         }
     }
 
     fn set_goal(&mut self, now: Time, fault: Fault, goal: u16) {
-        let rule = self.rule(now, &fault);
-        let effect = match &rule {
-            Ok(()) => format!("goal {} was built before", self.task.goal),
-            Err(rule) => format!("refused: {rule}"),
-        };
-        self.faults.inject(now, fault, false, effect, &mut self.commands);
-        if let (Ok(()), Ok(goal)) = (rule, u8::try_from(goal)) {
+        let before = format!("goal {} was built before", self.task.goal);
+        if let (true, Ok(goal)) = (self.is_taken(now, fault, before), u8::try_from(goal)) {
             self.begin(now, goal, (0, 0));
         }
     }
