@@ -35,25 +35,26 @@ pub fn scenarios() -> Vec<PathBuf> {
 /// Returns the binary `metamorph` of the profile that these tests are built in.
 pub fn metamorph() -> &'static Path {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
-    BINARY.get_or_init(|| binary("metamorph", "metamorph-world-controller"))
+    BINARY.get_or_init(|| binary("metamorph"))
 }
 
 /// Returns the binary `module-agent` of the profile that these tests are built in.
 pub fn module_agent() -> &'static Path {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
-    BINARY.get_or_init(|| binary("module-agent", "metamorph-module-agent"))
+    BINARY.get_or_init(|| binary("module-agent"))
 }
 
-/// Returns a binary, and builds it if it is missing: building the tests of the whole workspace builds its
-/// binaries too, building some tests does not.
-fn binary(name: &str, package: &str) -> PathBuf {
+/// Returns a binary, and builds it if it is missing or older than a library: `cargo test` builds the binaries of
+/// packages with integration tests only.
+fn binary(name: &str) -> PathBuf {
     let test = std::env::current_exe().expect("a running test has an executable");
     let deps = test.parent().expect("test executables are in target/<profile>/deps");
     let profile = deps.parent().expect("test executables are in target/<profile>/deps");
     let binary = profile.join(format!("{name}{}", std::env::consts::EXE_SUFFIX));
     if modified(&binary) < newest_library(deps) || !binary.exists() {
         let mut build = Command::new(env!("CARGO"));
-        build.args(["build", "--quiet", "--package", package, "--bin", name]);
+        // With a test of the workspace beside it, the features are those of the tests, and no library is built twice.
+        build.args(["build", "--quiet", "--workspace", "--bin", name, "--test", "architecture"]);
         build.arg("--target-dir").arg(profile.parent().unwrap_or(profile));
         if profile.ends_with("release") {
             build.arg("--release");

@@ -1,7 +1,19 @@
-//! Comparison of two samples: the two-sample test of Kolmogorov and Smirnov.
+//! Comparison of two samples, by the two-sample test of Kolmogorov and Smirnov, and the seeds of tests that draw them.
 //!
 //! For counts, where many values are equal, the test is conservative: it finds a difference too rarely rather
 //! than too often.
+
+use std::ops::Range;
+
+/// Returns the seeds that the environment variable `METAMORPH_SEEDS` names, such as `20..40`, or else `default`.
+///
+/// # Panics
+/// If the variable is not a range.
+pub fn seeds_or(default: Range<u64>) -> Range<u64> {
+    let Ok(text) = std::env::var("METAMORPH_SEEDS") else { return default };
+    let range = text.split_once("..").and_then(|(from, until)| Some(from.parse().ok()?..until.parse().ok()?));
+    range.unwrap_or_else(|| panic!("METAMORPH_SEEDS is `{text}`, not a range such as 20..40"))
+}
 
 /// Returns the largest distance between the two empirical distribution functions: 0 if the samples are the
 /// same, 1 if they do not overlap.

@@ -2,23 +2,26 @@
 //! counts, and leaves nothing behind. Runs on demand: each takes about twenty seconds.
 //!
 //! `cargo test -p metamorph-tests --test ipc_hosts_faults -- --ignored --nocapture` goes on where it was stopped: each run
-//! appends a line to `target/tmp/hosts-faults.txt`. Delete the file to begin anew.
+//! appends a line to `target/tmp/hosts-faults.txt`. Delete the file to begin anew. `METAMORPH_SEEDS=0..25` before it makes
+//! the first 25 runs of each fault, so that several such commands can share the work.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_module_agent::journal_file::Reader;
 use metamorph_tests::chaos::{root_of, signal_to, wait_until};
 use metamorph_tests::command::{command, report, run, scenario};
 use metamorph_tests::daemons::{Daemons, left_by};
+use metamorph_tests::statistics::seeds_or;
 use metamorph_world_controller::record::journal::{Event, parts_of};
 use rustix::process::Signal;
 use std::fs;
 use std::io::Write;
+use std::ops::Range;
 use std::path::Path;
 use std::process::{Child, Stdio};
 use std::time::Duration;
 
-/// Runs of each fault.
-const RUNS: usize = 50;
+/// The runs of each fault, unless others are asked for.
+const RUNS: Range<u64> = 0..50;
 /// Between `silent` (1 s) and `fence` (2 s) of the hosts file: no host counts as dead.
 const SHORT: Duration = Duration::from_millis(1_300);
 /// Longer than the fence.
@@ -74,14 +77,14 @@ impl Fault {
 }
 
 /// Runs the scenario `swarm` with one fault, and returns what went wrong.
-fn strike(fault: Fault, seed: usize) -> Result<String, String> {
+fn strike(fault: Fault, seed: u64) -> Result<String, String> {
     let daemons = Daemons::start();
     let identities = [daemons.identity(0), daemons.identity(1)];
     let (hosts, journal, out) =
         (daemons.path("hosts.toml"), daemons.path("run.journal"), daemons.path("report.json"));
-    let (swarm, seed) = (scenario("swarm.toml").display().to_string(), seed.to_string());
+    let (swarm, drawn) = (scenario("swarm.toml").display().to_string(), seed.to_string());
     let args = ["run", &swarm, "--hosts", &hosts, "--journal", &journal, "--json", &out, "--quiet"];
-    let args = [&args[..], &["--set", "stop.timeout=40s", "--seed", &seed, "--patience", "1s"]].concat();
+    let args = [&args[..], &["--set", "stop.timeout=40s", "--seed", &drawn, "--patience", "1s"]].concat();
     let mut child = command(&args).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let controller = parts_of(Path::new(&journal)).join("controller");
     wait_until("the run to begin", || {
@@ -89,7 +92,7 @@ fn strike(fault: Fault, seed: usize) -> Result<String, String> {
         records.map_while(Result::ok).any(|record| matches!(record.event, Event::Act { .. }))
     });
     // At another point of each run.
-    std::thread::park_timeout(Duration::from_millis(seed.parse::<u64>().unwrap() * 37 % 1_900));
+    std::thread::park_timeout(Duration::from_millis(seed * 37 % 1_900));
     fault.strike(&daemons, &child);
     let mut status = None;
     wait_until("the run to end", || {
@@ -132,7 +135,7 @@ fn faults_of_hosts_and_cables_break_nothing() {
     let directory = Path::new(env!("CARGO_TARGET_TMPDIR"));
     let path = directory.join("hosts-faults.txt");
     let mut bad = Vec::new();
-    for number in 0..RUNS {
+    for number in seeds_or(RUNS) {
         for (name, fault) in FAULTS {
             let done = fs::read_to_string(&path).unwrap_or_default();
             let start = format!("{name} {number}: ");

@@ -19,6 +19,7 @@ use metamorph_sim_bridge::free_module::walking::director::{Course, ENOUGH, Situa
 use metamorph_sim_bridge::free_module::walking::goal::Goal;
 use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig};
 use metamorph_tests::command::root;
+use metamorph_tests::statistics::seeds_or;
 use metamorph_world_controller::gait::ask_tell::Method;
 use metamorph_world_controller::gait::document::{GaitFile, read};
 use metamorph_world_controller::gait::elites;
@@ -33,14 +34,8 @@ use std::sync::Arc;
 const DEATH: Span = Span::secs(30);
 /// The time of a gait: a period to go over to it, and two that count.
 const TRIAL: Span = Span::secs(15);
-/// The seeds of the long tests, unless `METAMORPH_SEEDS` names others, such as 20..40.
+/// The seeds of the long tests, unless others are asked for.
 const SEEDS: Range<u64> = 0..100;
-
-fn seeds() -> Range<u64> {
-    let Ok(text) = std::env::var("METAMORPH_SEEDS") else { return SEEDS };
-    let (from, until) = text.split_once("..").expect("METAMORPH_SEEDS is a range such as 20..40");
-    from.parse().unwrap()..until.parse().unwrap()
-}
 
 /// The quadruped of the scenario with its gait, and nothing known about failures but the elites of that gait's study.
 fn choice(network: NetworkKind, method: Method, trials: u32, seed: u64) -> Arc<Choice> {
@@ -169,7 +164,7 @@ fn intervals_are_those_of_a_table() {
 fn legs_are_done_without() {
     let of = |method| {
         let mut tally = Tally::default();
-        (1..5).for_each(|leg| tally.recover(leg, 20, (NetworkKind::BlfSym, method), seeds(), ENOUGH));
+        (1..5).for_each(|leg| tally.recover(leg, 20, (NetworkKind::BlfSym, method), seeds_or(SEEDS), ENOUGH));
         println!("{method}: {} reach 80 % within 20 gaits", tally.text());
         tally
     };
@@ -183,7 +178,7 @@ fn legs_are_done_without() {
 fn the_body_is_done_without() {
     let of = |method| {
         let mut tally = Tally::default();
-        tally.recover(0, 40, (NetworkKind::BlfSym, method), seeds(), 0.3);
+        tally.recover(0, 40, (NetworkKind::BlfSym, method), seeds_or(SEEDS), 0.3);
         println!("{method}: {} reach 30 % within 40 gaits", tally.text());
         tally
     };
