@@ -202,7 +202,7 @@ impl Receiver {
                 Some(Received::Contact { port, revision, contact })
             }
             RuntimeMessage::Links(changes) => Some(Received::Links(changes)),
-            RuntimeMessage::Stop if !self.is_silent() => {
+            RuntimeMessage::Stop if !self.is_ending() => {
                 self.stage = Stage::Silent;
                 Some(Received::Stop)
             }

@@ -46,7 +46,8 @@ pub enum RuntimeMessage<P> {
         contact: Option<Contact>,
     },
     /// The run is over: the agent takes and sends nothing more, reports that it is silent, and counts the
-    /// frames that still arrive.
+    /// frames that still arrive. Said once more when all agents are silent, and answered again: then every link that is
+    /// open has been found by its receiver.
     Stop,
     /// A new controller took over: read the lease again. Unauthenticated and unsequenced, so it is only a
     /// hint.

@@ -46,6 +46,8 @@ pub enum Stage {
     Running,
     /// The run is over, and the agent sends no more.
     Silent,
+    /// It has looked into its inbox since all others sent no more.
+    Settled,
 }
 
 /// The process of one module.
@@ -190,13 +192,13 @@ impl<A: Agent, L: Link> Process<A, L> {
     pub fn needs_link(&self) -> bool {
         self.link.is_none()
             && !self.queue.is_empty()
-            && matches!(self.stage, Stage::Up | Stage::Running | Stage::Silent)
+            && matches!(self.stage, Stage::Up | Stage::Running | Stage::Silent | Stage::Settled)
     }
 
-    /// Notes that it has taken all messages and sends no more. The link is closed, as other processes may
-    /// need one.
+    /// Notes that it has taken all messages and sends no more, or has settled after that. The link is closed, as other
+    /// processes may need one.
     pub fn fall_silent(&mut self) {
-        self.stage = Stage::Silent;
+        self.stage = if self.stage == Stage::Silent { Stage::Settled } else { Stage::Silent };
         if self.queue.is_empty() {
             self.link = None;
         }

@@ -44,18 +44,19 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         }
         let timeout = nanos(self.options.stop_timeout);
         let (mut deadline, mut left) = (self.pace.monotonic() + timeout, usize::MAX);
-        let (mut dismissed, mut killed, mut hurried) = (false, false, false);
+        let (mut settling, mut dismissed, mut killed, mut hurried) = (false, false, false, false);
         loop {
             if self.hurried && !hurried {
                 hurried = true;
                 self.kill_at_once();
             }
             self.drain_after_the_end()?;
-            // Two steps are left for an agent: to fall silent, and to end.
+            // Three steps are left for an agent: to fall silent, to settle, and to end.
             let steps = |p: &ProcessOf<W, B>| match p.stage {
                 Stage::Absent => 0,
-                Stage::Silent => 1,
-                _ => 2,
+                Stage::Settled => 1,
+                Stage::Silent => 2,
+                _ => 3,
             };
             let before = std::mem::replace(&mut left, self.processes.iter().map(steps).sum());
             if left == 0 {
@@ -64,9 +65,13 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
             if left < before {
                 deadline = self.pace.monotonic() + timeout;
             }
-            if !dismissed && self.processes.iter().all(|p| steps(p) < 2 || p.terminating) {
+            let is_past = |left: usize| self.processes.iter().all(|p| steps(p) < left || p.terminating);
+            if !settling && is_past(3) {
+                settling = true;
+                self.tell_all(Stage::Silent, RuntimeMessage::Stop);
+            } else if settling && !dismissed && is_past(2) {
                 dismissed = true;
-                self.dismiss();
+                self.tell_all(Stage::Settled, RuntimeMessage::End);
             }
             self.flush();
             let retry = self.retry_at.unwrap_or(u64::MAX);
@@ -82,18 +87,19 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         Ok(())
     }
 
-    /// Dismisses the agents, once all are silent: the frames in an inbox are now complete, and its owner can
-    /// count them and end.
-    fn dismiss(&mut self) {
+    /// Tells all agents of a stage what is next. Once all are silent they have to settle: an agent that ends takes with it
+    /// what it has sent over links that their receivers have not found yet. Then the frames in an inbox are complete, and
+    /// its owner can count them and end.
+    fn tell_all(&mut self, stage: Stage, message: RuntimeMessage<<W::Agent as Agent>::Place>) {
         for i in 0..self.processes.len() {
-            if self.processes[i].stage == Stage::Silent {
+            if self.processes[i].stage == stage {
                 self.processes[i].hurry();
-                self.tell(i, ControlMessage::Runtime(RuntimeMessage::End));
+                self.tell(i, ControlMessage::Runtime(message.clone()));
             }
         }
     }
 
-    /// Notes agents that have fallen silent, and drops all other frames.
+    /// Notes agents that have fallen silent or settled, and drops all other frames.
     fn drain_after_the_end(&mut self) -> Result<(), SwarmError> {
         for _ in 0..DRAIN * 8 {
             let Some(shared) = self.transport.receive()? else { break };
@@ -104,7 +110,7 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
             if let Some(process) = self.processes.get_mut(header.source.index())
                 && silent
                 && header.incarnation == process.incarnation
-                && matches!(process.stage, Stage::Up | Stage::Running)
+                && matches!(process.stage, Stage::Up | Stage::Running | Stage::Silent)
             {
                 process.fall_silent();
             }
