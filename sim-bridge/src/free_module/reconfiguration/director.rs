@@ -155,6 +155,8 @@ impl FreeModuleDirector {
         let (alive, effect) = (self.known[id.index()].alive, self.found(id, world));
         self.faults.inject(now, fault, alive, effect, &mut self.commands);
         match fault {
+            Fault::Restart(_) => self.known[id.index()].restarting = true,
+            Fault::Kill(_) => self.known[id.index()].restarting = false,
             Fault::Stick(_) => world.set_stuck(id, true),
             Fault::Unstick(_) => {
                 world.set_stuck(id, false);
@@ -256,8 +258,9 @@ impl FreeModuleDirector {
 
 impl DirectorPort<FreeModuleWorld> for FreeModuleDirector {
     fn report(&mut self, _now: Time, id: ModuleId, report: Status) {
-        self.known[id.index()].status = Some(report);
-        if self.execution.is_resting() && self.execution.is_silent(id) {
+        let before = self.known[id.index()].status.replace(report);
+        let has_moved = before.is_some_and(|before| before.place != report.place);
+        if self.execution.is_resting() && (has_moved || self.execution.is_silent(id)) {
             self.execution.disturb();
         }
         self.next_check = Time::ZERO;
@@ -278,7 +281,10 @@ impl DirectorPort<FreeModuleWorld> for FreeModuleDirector {
 
     fn started(&mut self, _now: Time, id: ModuleId) {
         let known = &mut self.known[id.index()];
-        let before = std::mem::replace(known, Known { alive: true, status: None, ..*known });
+        // A restart commanded before the first start is reported is not over with that start.
+        let restarting = known.restarting && !known.launched;
+        let begun = Known { alive: true, launched: true, restarting, status: None, ..*known };
+        let before = std::mem::replace(known, begun);
         // A plan that waits for a first incarnation goes on waiting.
         if before.status.is_some() || self.execution.has_given_up(id) {
             self.execution.disturb();
@@ -296,7 +302,8 @@ impl DirectorPort<FreeModuleWorld> for FreeModuleDirector {
         while let Some(fault) = self.faults.due(now) {
             self.inject(now, fault, world);
         }
-        for (id, known) in (0..).map(ModuleId).zip(&mut self.known).filter(|(_, k)| !k.alive) {
+        let unheard = |k: &Known| !k.alive || k.status.is_none();
+        for (id, known) in (0..).map(ModuleId).zip(&mut self.known).filter(|(_, k)| unheard(k)) {
             known.body = world.place(id);
         }
         for done in self.execution.step(now, &self.known, &mut self.commands) {

@@ -7,7 +7,7 @@
 //! time: its work divided by [`PLANNING_RATE`].
 
 use metamorph_protocol::assembly::action::Action;
-use metamorph_protocol::assembly::configuration::Configuration;
+use metamorph_protocol::assembly::configuration::{Configuration, Module};
 use metamorph_protocol::assembly::space::Assembly;
 use metamorph_protocol::free_module::reconfiguration::Setup;
 use metamorph_protocol::free_module::reconfiguration::message::{
@@ -27,6 +27,8 @@ pub const PLANNING_RATE: u64 = 20_000;
 const TRIES: u8 = 4;
 /// Plans in a row, without a step confirmed in between, after which the modules rest.
 const REPLANS: u32 = 8;
+/// A module that is being restarted is awaited for this many times the patience: how long that takes depends on the machine.
+const RESTART_PATIENCE: u64 = 32;
 
 /// What has been planned and ordered in a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -59,8 +61,12 @@ pub struct PlanCounts {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Known {
     pub alive: bool,
+    /// True once it has started.
+    pub launched: bool,
+    /// True from the command to restart it until it has started again.
+    pub restarting: bool,
     pub status: Option<Status>,
-    /// Where the body of a dead module is.
+    /// Where the body of a module is that is dead, or has not reported yet.
     pub body: Place,
 }
 
@@ -260,7 +266,11 @@ impl PlanExecution {
         let awaited = |id: &ModuleId| !self.given_up.contains(id) && !self.silent.contains(id);
         let missing: Vec<ModuleId> =
             all.filter(|(_, k)| !rests(k)).map(|(id, _)| id).filter(awaited).collect();
-        if !missing.is_empty() && now < since + self.setup.patience {
+        let is_restarting = missing.iter().any(|id| known[id.index()].restarting);
+        let patience = self.setup.patience * if is_restarting { RESTART_PATIENCE } else { 1 };
+        // A module restarted during a turn takes its body for resting until the turn ends.
+        let is_behind = || !fit(&known.iter().map(Known::place).collect::<Vec<_>>());
+        if (!missing.is_empty() || is_behind()) && now < since + patience {
             if now >= repeat_at {
                 let living = missing.iter().filter(|id| known[id.index()].alive);
                 let hold = |id: &ModuleId| Command::Order(*id, Order::Hold { epoch: self.epoch });
@@ -317,6 +327,9 @@ impl PlanExecution {
         let frozen = self.frozen(known);
         if self.replans >= REPLANS {
             return self.give_up(now, Shortage::NotCarriedOut);
+        }
+        if !fit(&places) {
+            return self.give_up(now, Shortage::Undecided);
         }
         self.replans += 1;
         self.steps = self.tidied(&places, frozen);
@@ -486,6 +499,19 @@ impl Side {
     fn new(module: u8, body_action: BodyAction, expect: (u8, u16)) -> Side {
         Side { id: ModuleId(module.into()), body_action, expect, attempt: 0, sent: None, done: false }
     }
+}
+
+/// Returns true if no two modules overlap and every closed connector faces a module. Of a turn, the reports of all modules
+/// that it moves come one after another, and do not fit until the last has come.
+fn fit(places: &[Place]) -> bool {
+    let Some(state) = configuration(places) else { return false };
+    let mut filled = BTreeSet::new();
+    if !state.modules().iter().flat_map(Module::cells).all(|cell| filled.insert(cell)) {
+        return false;
+    }
+    let mut facing = vec![0_u16; places.len()];
+    state.facing(|pair| [pair.a, pair.b].into_iter().for_each(|(m, c)| facing[usize::from(m)] |= 1 << c));
+    places.iter().zip(facing).all(|(place, facing)| place.closed & !facing == 0)
 }
 
 /// Returns the places with the connections that both sides hold.

@@ -6,6 +6,7 @@ use super::reasons::NO_PLAN;
 use super::world::FreeModuleWorld;
 use crate::director::faults::{Fault, Schedule};
 use crate::director::outcome::{Outcome, Stall};
+use crate::director::port::DirectorPort;
 use crate::director::progress::Stop;
 use crate::kernel::sim::{Sim, SimConfig};
 use crate::world::World;
@@ -18,11 +19,12 @@ use metamorph_protocol::assembly::space::{Goal, Objective};
 use metamorph_protocol::defects::Defect;
 use metamorph_protocol::free_module::reconfiguration::Setup;
 use metamorph_protocol::free_module::reconfiguration::message::{
-    Action, BodyAction, Percept, Refusal, StepName,
+    Action, BodyAction, Percept, Refusal, Status, StepName,
 };
 use metamorph_protocol::free_module::reconfiguration::place::Place;
 use metamorph_protocol::free_module::reconfiguration::planning::Planner;
 use metamorph_protocol::ids::{ModuleId, Revision};
+use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::plan::Limits;
 use metamorph_protocol::ratio::Ratio;
@@ -72,11 +74,7 @@ impl Run {
     fn start(&self) -> Vec<Place> {
         named::line(self.types).unwrap().modules().iter().map(Place::of).collect()
     }
-    fn simulate(self) -> Ran {
-        let setup = Setup { defect: self.defect, ..Setup::scaled(TURN, TURN / 10) };
-        let setup = Arc::new(setup);
-        let physics = Physics { collision: Model::Strict, active: false, standing: None };
-        let start = self.start();
+    fn course(&self) -> Course {
         let planner = Planner {
             goal: Goal::Shape(named::shape(self.goal).unwrap()),
             collision: Model::Strict,
@@ -91,7 +89,15 @@ impl Run {
             livelock: TURN * 3_000,
             planned_until: Time::ZERO,
         };
-        let course = Course { planner, schedule: Schedule::new(self.faults), stop, failure: self.failure };
+        let schedule = Schedule::new(self.faults.clone());
+        Course { planner, schedule, stop, failure: self.failure }
+    }
+    fn simulate(self) -> Ran {
+        let setup = Setup { defect: self.defect, ..Setup::scaled(TURN, TURN / 10) };
+        let setup = Arc::new(setup);
+        let physics = Physics { collision: Model::Strict, active: false, standing: None };
+        let start = self.start();
+        let course = self.course();
         let director = FreeModuleDirector::new(Arc::clone(&setup), start.len(), course);
         let world = FreeModuleWorld::new(Arc::clone(&setup), physics, &start, self.seed);
         let (delay_min, delay_max) = (TURN / 100, TURN / 10);
@@ -151,6 +157,56 @@ fn a_module_that_dies_and_comes_back_does_no_harm() {
             assert!(ran.crashed == 1 || ran.plan.plans == 1);
         }
     }
+}
+
+/// No plan is made around a module while its process starts again, however slow the machine is; around a dead one it is.
+#[test]
+fn a_restart_that_takes_long_is_waited_for() {
+    let setup = Arc::new(Setup::scaled(TURN, TURN / 10));
+    let (restart, kill) = (Fault::Restart(ModuleId(0)), Fault::Kill(ModuleId(0)));
+    // A fault can be due before the first start of its module is reported.
+    for (fault, after_start, is_awaited) in
+        [(restart, true, true), (restart, false, true), (kill, true, false)]
+    {
+        let run = Run { faults: vec![(at(0), fault)], ..Run::new(1) };
+        let mut world = world(run.types);
+        let mut director = FreeModuleDirector::new(Arc::clone(&setup), run.start().len(), run.course());
+        if after_start {
+            (0..3).for_each(|id| director.started(at(0), ModuleId(id)));
+            director.wake(at(0), &mut world);
+        } else {
+            director.wake(at(0), &mut world);
+            (0..3).for_each(|id| director.started(at(0), ModuleId(id)));
+        }
+        director.died(at(0), ModuleId(0));
+        director.wake(at(0), &mut world);
+        director.wake(Time::ZERO + setup.patience * 3, &mut world);
+        assert_eq!(director.plan_counts().work == 0, is_awaited, "{fault}, {after_start}");
+    }
+}
+
+/// A turn moves several modules, whose reports come one after another: nothing is planned before the last.
+#[test]
+fn a_report_that_does_not_fit_the_others_is_waited_for() {
+    let setup = Arc::new(Setup::scaled(TURN, TURN / 10));
+    let run = Run::new(1);
+    let (mut world, places) = (world(run.types), run.start());
+    let mut director = FreeModuleDirector::new(setup, places.len(), run.course());
+    (0..3).for_each(|id| director.started(at(0), ModuleId(id)));
+    director.wake(at(0), &mut world);
+    let report = |director: &mut FreeModuleDirector, id: usize, place: Place| {
+        let status = Status { epoch: 1, place, busy: false, last: None, prevented: 0, waits_for: None };
+        director.report(at(0), ModuleId(id as u32), status);
+    };
+    (0..3).for_each(|id| report(&mut director, id, places[id]));
+    for stale in [Place { cell: places[2].cell + Cell::new(0, 0, 4), ..places[2] }, Place { ..places[1] }] {
+        report(&mut director, 2, stale);
+        director.wake(at(1), &mut world);
+        assert_eq!(director.plan_counts().plans, 0, "{stale:?}");
+    }
+    report(&mut director, 2, places[2]);
+    director.wake(at(1), &mut world);
+    assert_eq!(director.plan_counts().plans, 1);
 }
 
 #[test]
