@@ -9,6 +9,7 @@
 
 use crate::console::format::many;
 use crate::swarm::watch::Watch;
+use metamorph_module_agent::clock::page;
 use metamorph_module_agent::pid_directory;
 use metamorph_module_agent::run_dir::controller_lease::is_resumable;
 use metamorph_module_agent::run_dir::counter_file;
@@ -220,6 +221,12 @@ pub fn waits_for_controller(root: &Path) -> bool {
     is_resumable(root) && identities(root).any(|(_, agent)| agent.is_alive() && !agent.is_stopped())
 }
 
+/// True if this is the directory of a daemon whose controller, on the same machine, lives: then that one reads the counts there,
+/// and removes it.
+fn is_read_by_another(root: &Path) -> bool {
+    fs::read_link(page::path(root)).is_ok_and(|page| page.parent().is_some_and(is_locked))
+}
+
 /// Iterates over the registered processes of agents, each with the name of its file: `ID.INCARNATION`.
 pub fn identities(root: &Path) -> impl Iterator<Item = (String, Identity)> {
     fs::read_dir(pid_directory(root)).into_iter().flatten().flatten().filter_map(|entry| {
@@ -256,8 +263,9 @@ fn survey() -> Result<(Vec<DeadRun>, u32), CleanError> {
             continue;
         }
         // A run's directory gets its name together with its owner: without one, it is a leftover.
-        let waits = || waits_for_controller(&entry.path());
-        if owner.is_some_and(|owner: Identity| owner.is_alive()) || is_locked(&entry.path()) || waits() {
+        let root = entry.path();
+        let is_needed = || is_locked(&root) || waits_for_controller(&root) || is_read_by_another(&root);
+        if owner.is_some_and(|owner: Identity| owner.is_alive()) || is_needed() {
             alive += 1;
             continue;
         }
@@ -346,6 +354,7 @@ fn remove_tree(root: &Path) -> Result<(), CleanError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::os::unix::fs::symlink;
 
     #[test]
     fn a_live_run_is_left_alone_and_a_dropped_one_leaves_nothing() {
@@ -372,6 +381,12 @@ mod tests {
         clean().unwrap();
         assert!(root.join(OWNER).exists() && shared.exists());
         flock(&dir._lock, FlockOperation::Unlock).unwrap();
+        // Of a daemon whose controller lives: that one still reads the counts.
+        let controller = RunDir::create().unwrap();
+        symlink(page::path(controller.root()), page::path(&root)).unwrap();
+        clean().unwrap();
+        assert!(root.join(OWNER).exists() && shared.exists());
+        drop(controller);
         std::mem::forget(dir);
         // Another test may clean it up at the same time; in any case nothing may be left.
         let report = clean().unwrap();

@@ -11,8 +11,9 @@ use super::succession::Succession;
 use crate::console::stopwatch::{Stopwatch, wait_until};
 use crate::swarm::SwarmOptions;
 use crate::swarm::launcher::Found;
-use crate::swarm::run_dir::{RunDir, clean};
+use crate::swarm::run_dir::RunDir;
 use metamorph_module_agent::clock::page;
+use metamorph_module_agent::run_dir::run_name::RunName;
 use metamorph_module_agent::run_dir::swarm_file;
 use metamorph_module_agent::transport::AgentKey;
 use metamorph_protocol::ids::HostId;
@@ -282,8 +283,10 @@ impl Drop for Fleet {
             }
             killed |= !matches!(child.try_wait(), Ok(Some(status)) if status.success());
         }
-        if killed && let Err(e) = clean() {
-            tracing::warn!("what a daemon left behind could not be removed: {e}");
+        if killed {
+            // Dropping what it has left removes it.
+            let names = self.roots.values().flatten().filter_map(|root| RunName::of_root(root).ok());
+            names.for_each(|name| drop(RunDir::adopt(name)));
         }
     }
 }
