@@ -5,15 +5,13 @@
 //! that only occur without it. Absent: the published connection gradient, which is known to split bodies when
 //! messages are late.
 
+use super::commands;
 use super::generated_scenario::{Break, GeneratedFault, GeneratedLink, GeneratedScenario};
 use crate::family::generated::Dice;
 use crate::family::{Family, all};
 use crate::scenario::Plan;
 use crate::scenario::family::fault_keys;
-use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::rng::Rng;
-use metamorph_protocol::time::Span;
-use metamorph_sim_bridge::director::steering::Steering;
 
 /// Attempts to draw a scenario that can be run; some are invalid, such as one with more goals than the floor
 /// has room for.
@@ -92,37 +90,6 @@ fn smallest(family: &dyn Family) -> GeneratedScenario {
 /// were added.
 const LASTING_FROM: u64 = 1 << 32;
 
-/// The first seed that may draw commands of an operator. Smaller seeds draw the same scenarios as before these were
-/// added.
-const COMMANDS_FROM: u64 = 1 << 33;
-/// Commands of a run at most.
-const MOST_COMMANDS: u64 = 4;
-
-/// Draws commands to a swarm, in half of the runs of a family that obeys them.
-fn commands(draft: &GeneratedScenario, family: &dyn Family) -> Vec<GeneratedFault> {
-    let mut dice = Dice(Rng::named(draft.seed, "explore, commands", 0));
-    if draft.seed < COMMANDS_FROM || !family.is_operated() || dice.once_in(2) {
-        return Vec::new();
-    }
-    let horizon = dice.pick(&[5_000, 20_000, 60_000]);
-    let mut command = |_| {
-        let id = dice.0.below(draft.modules() as u64) as u32;
-        let lease = Span::secs(dice.pick(&[1, 5, 20, 60]));
-        let steering = match dice.0.below(6) {
-            0 | 1 => Steering::Hold(lease),
-            2 => Steering::Take(dice.0.below(draft.goal_cells().clamp(1, 32) as u64) as u8, lease),
-            3 => Steering::Release,
-            _ => {
-                let mut side = || dice.within(0, 12) as i16;
-                Steering::GoTo(Cell { x: side(), y: side(), z: 0 }, lease)
-            }
-        };
-        let at = dice.within(1, horizon / 10) * 10;
-        GeneratedFault { what: Break::Command(id, steering), at, until: None }
-    };
-    (0..1 + draft.seed % MOST_COMMANDS).map(&mut command).collect()
-}
-
 /// Returns true if the impairments are permanent: in one of four runs that have impairments but no failing
 /// moves, because the default bounds account for the link, but not for repeated failures of moves.
 fn lasts(draft: &GeneratedScenario) -> bool {
@@ -149,7 +116,7 @@ impl Dice {
             draft.faults = self.faults(&draft);
             draft.faults.retain(|fault| fault_keys(family).contains(&fault.what.key()));
         }
-        let commands = commands(&draft, family);
+        let commands = commands::draw(&draft, family);
         draft.faults.extend(commands);
         draft.link.until = self.end_of_harm(&draft);
         draft.patience = family.patience(draft.failed_connections > 0, draft.link.delay.1);
@@ -271,18 +238,6 @@ mod tests {
             texts.insert(draft.to_string());
         }
         assert_eq!(texts.len(), 60);
-    }
-
-    /// Commands are drawn for families that obey them, and smaller seeds draw none.
-    #[test]
-    fn operators_may_command() {
-        let metamodules = all().iter().copied().find(|family| family.is_operated());
-        let has_commands = |seed: u64| {
-            let commands = |f: &&GeneratedFault| matches!(f.what, Break::Command(..));
-            draw(seed, metamodules).0.faults.iter().filter(commands).count() > 0
-        };
-        assert!((0..100).all(|seed| !has_commands(seed)));
-        assert!((COMMANDS_FROM..COMMANDS_FROM + 100).filter(|seed| has_commands(*seed)).count() > 20);
     }
 
     /// Permanent impairments are drawn, with the bounds that follow from them, and smaller seeds draw none.

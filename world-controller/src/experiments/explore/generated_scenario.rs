@@ -12,6 +12,7 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::Span;
 use metamorph_sim_bridge::director::faults::Fault;
+use metamorph_sim_bridge::director::link_faults::LinkFault;
 use metamorph_sim_bridge::director::steering::Steering;
 use std::fmt;
 
@@ -86,8 +87,8 @@ pub enum Break {
     Obstacle(Cell),
     /// An element is dropped.
     Drop(u16),
-    /// An operator commands a module.
-    Command(u32, Steering),
+    /// An operator commands this, and at the end that, if there is an end.
+    Command(Fault, Option<Fault>),
 }
 
 impl Break {
@@ -104,18 +105,6 @@ impl Break {
             Break::Command(..) => "command",
         }
     }
-    /// Returns the modules concerned.
-    pub fn modules(&self) -> &[u32] {
-        match self {
-            Break::Kill(id)
-            | Break::Restart(id)
-            | Break::Pause(id)
-            | Break::Stick(id)
-            | Break::Command(id, _) => std::slice::from_ref(id),
-            Break::Partition(side) => side,
-            Break::Obstacle(_) | Break::Drop(_) => &[],
-        }
-    }
     /// Returns the same fault with module `other` instead of `of`.
     pub fn instead(&self, of: u32, other: u32) -> Break {
         let one = |id: &u32| if *id == of { other } else { *id };
@@ -124,7 +113,10 @@ impl Break {
             Break::Restart(id) => Break::Restart(one(id)),
             Break::Pause(id) => Break::Pause(one(id)),
             Break::Stick(id) => Break::Stick(one(id)),
-            Break::Command(id, steering) => Break::Command(one(id), *steering),
+            Break::Command(fault, end) => {
+                let one = |fault: Fault| with_modules(fault, |id| Some(ModuleId(one(&id.0))));
+                Break::Command(one(*fault).unwrap_or(*fault), end.and_then(one))
+            }
             Break::Partition(side) if side.contains(&other) => self.clone(),
             Break::Partition(side) => Break::Partition(side.iter().map(one).collect()),
             Break::Obstacle(cell) => Break::Obstacle(*cell),
@@ -140,7 +132,16 @@ impl Break {
             Break::Restart(id) => Break::Restart(up(id)?),
             Break::Pause(id) => Break::Pause(up(id)?),
             Break::Stick(id) => Break::Stick(up(id)?),
-            Break::Command(id, steering) => Break::Command(up(id)?, *steering),
+            Break::Command(Fault::Links(LinkFault::Partition(first, last, lease)), end) => {
+                // The last one takes the place of the module that is gone, if that is the last.
+                let (first, last) = (first.0 - u32::from(first.0 > gone), last.0 - u32::from(last.0 >= gone));
+                let side = (first <= last).then_some((ModuleId(first), ModuleId(last)))?;
+                Break::Command(Fault::Links(LinkFault::Partition(side.0, side.1, *lease)), *end)
+            }
+            Break::Command(fault, end) => {
+                let up = |fault: Fault| with_modules(fault, |id| up(&id.0).map(ModuleId));
+                Break::Command(up(*fault)?, end.and_then(up))
+            }
             Break::Partition(side) => {
                 let side: Vec<u32> = side.iter().filter_map(up).collect();
                 Break::Partition((!side.is_empty()).then_some(side)?)
@@ -149,6 +150,22 @@ impl Break {
             Break::Drop(element) => Break::Drop(*element),
         })
     }
+}
+
+/// Returns the command with other modules; `None` if one of them has none. A partition keeps its modules.
+fn with_modules(fault: Fault, other: impl Fn(ModuleId) -> Option<ModuleId>) -> Option<Fault> {
+    Some(match fault {
+        Fault::Kill(id) => Fault::Kill(other(id)?),
+        Fault::Pause(id) => Fault::Pause(other(id)?),
+        Fault::Resume(id) => Fault::Resume(other(id)?),
+        Fault::Restart(id) => Fault::Restart(other(id)?),
+        Fault::Stick(id) => Fault::Stick(other(id)?),
+        Fault::Unstick(id) => Fault::Unstick(other(id)?),
+        Fault::Steer(id, Steering::Swap(with)) => Fault::Steer(other(id)?, Steering::Swap(other(with)?)),
+        Fault::Steer(id, steering) => Fault::Steer(other(id)?, steering),
+        Fault::External(id) => Fault::External(other(id)?),
+        Fault::Links(_) | Fault::World(..) => fault,
+    })
 }
 
 impl GeneratedScenario {
@@ -209,12 +226,14 @@ impl fmt::Display for GeneratedScenario {
 impl fmt::Display for GeneratedFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let at = Span::millis(self.at);
-        if let Break::Command(id, steering) = &self.what {
-            let command = Fault::Steer(ModuleId(*id), *steering);
-            return writeln!(f, "\n[[command]]\nat = \"{at}\"\ndo = [\"{command}\"]");
+        let until = self.until.map(Span::millis);
+        if let Break::Command(command, end) = &self.what {
+            writeln!(f, "\n[[command]]\nat = \"{at}\"\ndo = [\"{command}\"]")?;
+            let mut end = end.iter().zip(until);
+            return end
+                .try_for_each(|(end, at)| writeln!(f, "\n[[command]]\nat = \"{at}\"\ndo = [\"{end}\"]"));
         }
         writeln!(f, "\n[[fault]]")?;
-        let until = self.until.map(Span::millis);
         let end = until.map_or(String::new(), |u| format!("until = \"{u}\"\n"));
         match &self.what {
             Break::Kill(id) => writeln!(f, "kill = {id}\nat = \"{at}\""),
