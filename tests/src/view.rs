@@ -82,13 +82,18 @@ impl View {
         rest.split_at(rest.find('/').unwrap())
     }
 
-    /// Returns the bytes of the answer to a raw request.
-    fn bytes(&self, request: &[u8]) -> Vec<u8> {
+    /// Sends a raw request, whose answer can be read from the connection.
+    fn send(&self, request: &[u8]) -> TcpStream {
         let mut stream = TcpStream::connect(self.parts().0).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
         stream.write_all(request).unwrap();
+        stream
+    }
+
+    /// Returns the bytes of the answer to a raw request.
+    fn bytes(&self, request: &[u8]) -> Vec<u8> {
         let mut answer = Vec::new();
-        stream.read_to_end(&mut answer).unwrap();
+        self.send(request).read_to_end(&mut answer).unwrap();
         answer
     }
 
@@ -127,16 +132,20 @@ impl View {
 
     /// Returns the answer to a request of a path below the token, with everything that a page of this server would say.
     pub fn post_to(&self, path: &str, body: &str) -> (u16, serde_json::Value) {
-        let (host, root) = self.parts();
-        let (status, answer) = self.raw(&format!(
-            "POST {root}{path} HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nSec-Fetch-Site: same-origin\r\n\
-             Content-Type: application/json\r\nAuthorization: Bearer {}\r\nContent-Length: {}\r\n\
-             Connection: close\r\n\r\n{body}",
-            self.secret,
-            body.len()
-        ));
+        let (status, answer) = self.raw(&self.own_request(path, body));
         let body = answer.split_once("\r\n\r\n").map_or("", |(_, body)| body);
         (status, serde_json::from_str(body).unwrap_or_default())
+    }
+
+    /// Sends commands like [`View::post`], without waiting for the answer, which can be read from the connection.
+    pub fn post_unheard(&self, body: &str) -> TcpStream {
+        self.send(self.own_request("command", body).as_bytes())
+    }
+
+    fn own_request(&self, path: &str, body: &str) -> String {
+        let (host, root) = self.parts();
+        let headers = format!("{}Sec-Fetch-Site: same-origin\r\n", self.headers().concat());
+        View::post_request(&format!("{root}{path}"), host, &headers, body)
     }
 
     /// Returns a request of a path with these headers.

@@ -1,25 +1,30 @@
 //! Commands to a run in progress: who may give them, their effect, and that a run with them can be repeated, replayed and
 //! resumed.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
+#![allow(clippy::print_stdout, reason = "shown only on failure or with --nocapture")]
 
+use metamorph_module_agent::journal_file;
 use metamorph_protocol::rng::Rng;
 use metamorph_tests::chaos::{signal_to, wait_until};
 use metamorph_tests::command::{report, run, run_processes, scenario};
 use metamorph_tests::view::View;
+use metamorph_world_controller::record::journal::parts_of;
 use metamorph_world_controller::report::schema::Report;
 use metamorph_world_controller::swarm::clean;
 use rustix::process::Signal;
 use serde_json::{Value, json};
 use std::fs;
+use std::io::Read;
 use std::path::Path;
+use std::time::Duration;
 
 fn body(session: &str, n: u64, commands: &[&str]) -> String {
     json!({ "version": 1, "session": session, "n": n, "commands": commands }).to_string()
 }
 
-/// A run with a page that can control it, with its journal and report in a directory.
-fn start(directory: &Path, link: &str, options: &[&str]) -> View {
-    let file = scenario("swarm.toml").display().to_string();
+/// A run of a scenario with a page that can control it, with its journal and report in a directory.
+fn start(directory: &Path, name: &str, link: &str, options: &[&str]) -> View {
+    let file = scenario(name).display().to_string();
     let path = |name: &str| directory.join(name).display().to_string();
     let fixed = ["run", &file, "--link", link, "--view", "--control", "--quiet"];
     let (journal, json) = (path("journal"), path("report.json"));
@@ -47,7 +52,7 @@ fn commanded(report: &Report) -> Vec<String> {
 #[test]
 fn a_simulated_run_with_commands_is_exported_as_a_scenario() {
     let directory = tempfile::tempdir().unwrap();
-    let view = start(directory.path(), "sim", &[]);
+    let view = start(directory.path(), "swarm.toml", "sim", &[]);
     let (status, answer) = view.post(&body("a", 1, &["kill 3", "pause 5"]));
     assert_eq!(
         (status, &answer["result"], &answer["operator"]),
@@ -97,7 +102,7 @@ fn repeated(directory: &Path, first: &Report) -> Report {
 #[test]
 fn links_are_changed_and_cubes_are_steered() {
     let directory = tempfile::tempdir().unwrap();
-    let view = start(directory.path(), "sim", &[]);
+    let view = start(directory.path(), "swarm.toml", "sim", &[]);
     let first = ["loss 100% for 20s", "partition 3..5 for 30s", "hold 7 for 9s", "goto 9 [0, 0, 5] for 5s"];
     let (status, answer) = view.post(&body("a", 1, &first));
     assert_eq!((status, &answer["result"]), (200, &json!("taken")), "{answer}");
@@ -127,7 +132,7 @@ fn links_are_changed_and_cubes_are_steered() {
 #[test]
 fn processes_obey_commands() {
     let directory = tempfile::tempdir().unwrap();
-    let view = start(directory.path(), "ipc", &[]);
+    let view = start(directory.path(), "swarm.toml", "ipc", &[]);
     let (status, answer) =
         view.post(&body("a", 1, &["kill 3", "stick 7", "loss 30% for 3s", "hold 8 for 2s"]));
     assert!(status == 200 || status == 202, "{answer}");
@@ -144,7 +149,7 @@ fn processes_obey_commands() {
 #[test]
 fn a_resumed_run_has_had_its_commands() {
     let directory = tempfile::tempdir().unwrap();
-    let mut view = start(directory.path(), "ipc", &["--patience", "60s"]);
+    let mut view = start(directory.path(), "swarm.toml", "ipc", &["--patience", "60s"]);
     let mut answer = (0, Value::Null);
     wait_until("the command to be taken", || {
         answer = view.post(&body("a", 1, &["kill 3", "partition 5 for 600s"]));
@@ -164,49 +169,137 @@ fn a_resumed_run_has_had_its_commands() {
     assert_eq!(replayed.code, Some(0), "{replayed:?}");
 }
 
-/// Gives drawn commands to a run of processes, kills its controller after some of them, resumes it, and replays its journal.
-fn killed_and_resumed(seed: u64) {
+/// Draws commands that follow each other; some will be refused.
+fn drawn(rng: &mut Rng, modules: u64, is_metamodule: bool) -> Vec<String> {
+    let (id, other, lease) = (rng.below(modules), rng.below(modules), 1 + rng.below(20));
+    let place = format!("[{}, {}, 0]", rng.below(13), rng.below(13));
+    let one = match rng.below(if is_metamodule { 16 } else { 11 }) {
+        0 => format!("kill {id}"),
+        1 => format!("restart {id}"),
+        2 => format!("stick {id}"),
+        3 => format!("unstick {id}"),
+        // What is paused for ever keeps a run from its end.
+        4 => return vec![format!("pause {id}"), format!("resume {id}")],
+        5 => format!("loss {}% for {lease}s", 10 * rng.below(11)),
+        6 => format!("partition {}..{} for {lease}s", id.min(other), id.max(other)),
+        7 => ["loss off", "partition off"][rng.below(2) as usize].to_owned(),
+        8 => format!("goto {id} {place} for {lease}s"),
+        9 => format!("hold {id} for {lease}s"),
+        10 => format!("release {id}"),
+        11 => format!("take {id} {} for {lease}s", rng.below(4)),
+        12 => format!("swap {id} {other}"),
+        13 => format!("goal.move [{}, {}]", rng.below(3), rng.below(3)),
+        14 => "goal.set 1".to_owned(),
+        _ => format!("{} {place}", ["block", "unblock"][rng.below(2) as usize]),
+    };
+    vec![one]
+}
+
+/// Returns the commands in a journal, in their order.
+fn in_journal(directory: &Path) -> Vec<String> {
+    let (journal, file) = (directory.join("journal"), directory.join("session.toml"));
+    let exported =
+        run(&["export", &journal.display().to_string(), "--commands", &file.display().to_string()]);
+    assert_eq!(exported.code, Some(0), "{exported:?}");
+    let text = fs::read_to_string(file).unwrap();
+    let lists = text.lines().filter_map(|line| line.strip_prefix("do = [\"")?.strip_suffix("\"]"));
+    lists.flat_map(|list| list.split("\", \"")).map(str::to_owned).collect()
+}
+
+/// Gives drawn commands to a run of processes, kills its controller at a drawn moment, which may come before an answer,
+/// resumes it, and replays its journal. Returns false if the run was over before.
+fn killed_and_resumed(seed: u64) -> bool {
     let mut rng = Rng::named(seed, "killed session", 0);
+    let is_metamodule = seed % 2 == 1;
+    let (file, scale, modules) = if is_metamodule { ("box.toml", "20", 4) } else { ("swarm.toml", "8", 42) };
     let directory = tempfile::tempdir().unwrap();
-    let mut view = start(directory.path(), "ipc", &["--patience", "60s", "--seed", &seed.to_string()]);
-    let mut acknowledged = Vec::new();
-    for n in 1..=1 + rng.below(6) {
-        let verb = ["kill", "stick", "unstick", "restart"][rng.below(4) as usize];
-        let command = format!("{verb} {}", rng.below(20));
-        let mut answer = (0, Value::Null);
-        wait_until("the command to be answered", || {
-            answer = view.post(&body("a", n, &[&command]));
-            answer.0 == 200 || answer.0 == 410
-        });
-        if answer.1["result"] == "taken" {
-            acknowledged.push(command);
+    let number = seed.to_string();
+    let options = ["--patience", "60s", "--time-scale", scale, "--seed", &number];
+    let mut view = start(directory.path(), file, "ipc", &options);
+    let journal = directory.path().join("journal");
+    let is_over = || directory.path().join("report.json").exists();
+    let recorded = || {
+        let controller = parts_of(&journal).join("controller");
+        journal_file::Reader::open(&controller).map_or(0, Iterator::count)
+    };
+    let (mut acknowledged, mut n) = (Vec::new(), 0);
+    for _ in 0..1 + rng.below(6) {
+        // Some are given at once, others after a while.
+        let records = recorded() + rng.below(60) as usize;
+        wait_until("the run to get so far", || is_over() || recorded() >= records);
+        for command in drawn(&mut rng, modules, is_metamodule) {
+            n += 1;
+            let mut answer = (0, Value::Null);
+            wait_until("the command to be answered", || {
+                answer = view.post(&body("a", n, &[&command]));
+                answer.0 == 200 || answer.0 == 410
+            });
+            if answer.1["result"] == "taken" {
+                acknowledged.push(command);
+            }
         }
+    }
+    let unheard = (rng.below(2) == 0).then(|| format!("stick {}", rng.below(modules)));
+    let mut answer = unheard.as_ref().map(|command| view.post_unheard(&body("a", n + 1, &[command])));
+    if answer.is_some() {
+        // From before the command is read until after it is answered.
+        std::thread::park_timeout(Duration::from_micros(rng.below(60_000)));
+    } else {
+        let records = recorded() + rng.below(100) as usize;
+        wait_until("the run to get so far", || is_over() || recorded() >= records);
+    }
+    if is_over() {
+        return false;
     }
     signal_to(view.process.id() as i32, Signal::KILL);
     view.process.wait().unwrap();
-    let journal = directory.path().join("journal").display().to_string();
-    let resumed = run_processes(&["resume", &journal, "--json", "-", "--quiet"]);
+    let mut heard = String::new();
+    // The connection ends with the controller.
+    let _ = answer.as_mut().map(|answer| answer.read_to_string(&mut heard));
+    let resumed = run_processes(&["resume", &journal.display().to_string(), "--json", "-", "--quiet"]);
     let _ = clean();
-    // A run that was over before its controller was killed is not resumed.
-    if resumed.code != Some(2) {
-        assert_eq!(commanded(&report(&resumed.out)), acknowledged, "seed {seed}: {resumed:?}");
-    }
-    let replayed = run(&["replay", &journal]);
+    let report = report(&resumed.out);
+    assert!(matches!(resumed.code, Some(0 | 3 | 4)), "seed {seed}: {resumed:?}");
+    assert_eq!((report.invariants.broken, report.collisions.suffered), (0, 0), "seed {seed}: {report:?}");
+    // What was acknowledged is in the journal, once. What was not either is, or never takes effect.
+    let given = in_journal(directory.path());
+    let (first, rest) = given.split_at(acknowledged.len().min(given.len()));
+    assert_eq!(first, acknowledged, "seed {seed}: {resumed:?}");
+    assert!(
+        rest.is_empty() || Some(rest) == unheard.as_slice().into(),
+        "seed {seed}: {rest:?}, sent {unheard:?}"
+    );
+    assert!(!heard.contains("taken") || rest.len() == 1, "seed {seed}: {heard}");
+    let replayed = run(&["replay", &journal.display().to_string()]);
     assert_eq!(replayed.code, Some(0), "seed {seed}: {replayed:?}");
+    println!(
+        "seed {seed}: {} commands, {}, {}",
+        given.len(),
+        report.outcome,
+        if heard.is_empty() { "killed" } else { "answered" }
+    );
+    true
 }
 
-/// `cargo test -p metamorph-tests --test commands -- --ignored`
+#[test]
+fn killed_sessions_are_resumed() {
+    let killed = (1_000..).filter(|seed| killed_and_resumed(*seed)).take(2).count();
+    assert_eq!(killed, 2);
+}
+
+/// `cargo test -p metamorph-tests --test commands -- --ignored --nocapture fifty`
 #[test]
 #[ignore = "takes minutes"]
 fn fifty_killed_sessions_are_resumed() {
-    (0..50).for_each(killed_and_resumed);
+    let killed = (0..).filter(|seed| killed_and_resumed(*seed)).take(50).count();
+    assert_eq!(killed, 50);
 }
 
 /// What programs of other users and pages of other servers can send.
 #[test]
 fn hostile_requests_change_nothing() {
     let directory = tempfile::tempdir().unwrap();
-    let view = start(directory.path(), "sim", &[]);
+    let view = start(directory.path(), "swarm.toml", "sim", &[]);
     let (host, root) = view.parts();
     let good = body("a", 1, &["kill 3"]);
     let path = format!("{root}command");
@@ -287,7 +380,7 @@ fn hostile_requests_change_nothing() {
 #[test]
 fn one_page_at_a_time_has_the_control() {
     let directory = tempfile::tempdir().unwrap();
-    let view = start(directory.path(), "sim", &[]);
+    let view = start(directory.path(), "swarm.toml", "sim", &[]);
     assert_eq!(view.post(&body("first", 1, &["stick 3"])).0, 200);
     assert_eq!(view.post(&body("second", 1, &["stick 4"])).0, 423);
     let over = body("second", 1, &["stick 4"]).replace("\"n\"", "\"take_over\":true,\"n\"");
