@@ -24,7 +24,7 @@ fn commands_a_run_in_progress() {
         return println!("skipped: there is no chromium or chrome on this machine");
     };
     let file = scenario("swarm.toml").display().to_string();
-    let view = View::start(&["run", &file, "--link", "sim", "--view", "--control", "--quiet"]);
+    let view = View::start(&["run", &file, "--link", "sim", "--time-scale", "1", "--view", "--control", "--quiet"]);
     let mut browser = Browser::start(program);
     browser.open(&format!("{}#c={}", view.address, view.secret));
     browser.until("document.body.dataset.state === 'paused'");
@@ -44,6 +44,80 @@ fn commands_a_run_in_progress() {
     browser.open(&view.address);
     browser.until("document.body.dataset.state === 'paused'");
     assert_eq!(browser.evaluate("document.getElementById('commands').hidden"), json!(true));
+}
+
+/// Presses a key that has a meaning of its own for the browser.
+fn key(browser: &mut Browser, key: &str, code: u32, text: &str) {
+    for (kind, text) in [("keyDown", text), ("keyUp", "")] {
+        let how =
+            json!({ "type": kind, "key": key, "code": key, "windowsVirtualKeyCode": code, "text": text });
+        browser.call("Input.dispatchKeyEvent", how);
+    }
+}
+
+/// Commands with parameters, to a module and to the run, on a small screen and with the keyboard.
+#[test]
+fn commands_have_fields_for_their_parameters() {
+    let Some(program) = find() else {
+        return println!("skipped: there is no chromium or chrome on this machine");
+    };
+    let file = scenario("box.toml").display().to_string();
+    let options = [
+        "--link",
+        "sim",
+        "--time-scale",
+        "1",
+        "--set",
+        "protocol.strategy=slope",
+        "--view",
+        "--control",
+        "--quiet",
+    ];
+    let view = View::start(&[&["run", &file], &options[..]].concat());
+    let mut browser = Browser::start(program);
+    let screen = json!({ "width": 400, "height": 760, "deviceScaleFactor": 1, "mobile": false });
+    browser.call("Emulation.setDeviceMetricsOverride", screen);
+    browser.open(&format!("{}#c={}", view.address, view.secret));
+    browser.until("document.body.dataset.state === 'paused'");
+    choose(&mut browser, 1);
+    let beyond = "[...document.querySelectorAll('.command, .command *')].filter((e) => { \
+        const r = e.getBoundingClientRect(); return r.width && (r.left < 0 || r.right > 400); }).map((e) => e.outerHTML)";
+    assert_eq!(browser.evaluate(beyond), json!([]));
+    assert_eq!(browser.evaluate("document.documentElement.scrollWidth"), json!(400));
+    assert_eq!(browser.evaluate(include_str!("../src/contrast.js")), json!([]));
+
+    // The fields are reached with Tab, filled and sent.
+    browser.evaluate("document.getElementById('unchoose').focus()");
+    let is_there = "document.activeElement === document.querySelector('[data-command=goto]').form.querySelector('input')";
+    for _ in 0..20 {
+        key(&mut browser, "Tab", 9, "");
+        if browser.evaluate(is_there) == json!(true) {
+            break;
+        }
+    }
+    for digit in ["4", "5", "0", "9"] {
+        browser.press(digit);
+        if digit != "9" {
+            key(&mut browser, "Tab", 9, "");
+        }
+    }
+    key(&mut browser, "Enter", 13, "\r");
+    browser
+        .until("document.getElementById('answer').textContent.startsWith('goto 1 [4, 5, 0] for 9s: taken')");
+    browser.until("window.page.story.faults.some((f) => f.what.startsWith('goto 1'))");
+
+    // Each is understood; what is refused is refused by a rule of the run.
+    let verbs = browser.evaluate("window.page.story.scene.commands.map((c) => c.verb)");
+    for verb in verbs.as_array().unwrap() {
+        browser.evaluate(&format!("document.querySelector('[data-command={verb}]').form.requestSubmit()"));
+        browser.until("!document.getElementById('answer').textContent.endsWith(': pending')");
+        let answer = text(&mut browser, "#answer");
+        assert!(answer.starts_with(verb.as_str().unwrap()), "{verb}: {answer}");
+        let is_understood = !answer.contains("is no fault") && !answer.contains("is no command");
+        assert!(is_understood && !answer.contains("malformed"), "{answer}");
+    }
+    assert!(verbs.as_array().unwrap().len() > 15, "{verbs}");
+    check_clean(&mut browser, &view);
 }
 
 #[test]

@@ -61,7 +61,7 @@ mod tests {
     use metamorph_protocol::ids::ModuleId;
     use metamorph_protocol::lattice::Cell;
 
-    static WALL: WorldFault = WorldFault { name: "block", harms: true, form: Form::Cell };
+    static WALL: WorldFault = WorldFault { name: "block", harms: true, form: Form::Cell, about: "a wall" };
 
     #[test]
     fn commands_are_read_as_they_are_written() {

@@ -19,6 +19,8 @@ pub struct WorldFault {
     pub harms: bool,
     /// What it is told.
     pub form: Form,
+    /// What it does, in a few words.
+    pub about: &'static str,
 }
 
 /// What a [`WorldFault`] is told.

@@ -27,6 +27,7 @@ use crate::scenario::family::{Families, ScenarioFamily};
 use crate::scenario::{self, Overrides, Plan};
 use crate::view::beginning::Heading;
 use crate::view::bodies::{Bodies, ShownSwarm};
+use crate::view::command_forms;
 use crate::view::scene::Scene;
 use crate::view::scene_builder::{ReadError, Shared};
 use generated::{Dice, GeneratedSwarm};
@@ -222,7 +223,9 @@ pub fn read_text(origin: &str, text: &str, overrides: &Overrides) -> Result<Plan
 
 /// Creates the scene of a plan before its run. `messages` says whether messages will be shown.
 pub fn scene(plan: &Plan, messages: bool) -> Scene {
-    Scene::new(Heading::of(plan), &*of(plan).shown(plan), messages)
+    let family = of(plan);
+    let heading = Heading { commands: command_forms::of(plan, family), ..Heading::of(plan) };
+    Scene::new(heading, &*family.shown(plan), messages)
 }
 
 /// What a journal holds.

@@ -208,6 +208,14 @@ pub trait SwarmPlan: Any + fmt::Debug + Send + Sync {
     fn no_target(&self, _: &Target) -> Option<ScenarioError> {
         None
     }
+    /// Returns the verbs of the commands that steer its modules.
+    fn steering(&self) -> &'static [&'static str] {
+        &[]
+    }
+    /// Returns false if all such commands would be refused or have no effect.
+    fn heeds(&self, _: &WorldFault) -> bool {
+        true
+    }
     /// Writes its description for `metamorph check`.
     fn describe(&self, plan: &Plan, out: &mut String) -> fmt::Result;
     /// Returns the family's terms, for reports for people.

@@ -3,6 +3,7 @@
 //! The layout is private to the page; [`VERSION`] is for pages left open in a browser.
 
 use super::bodies::ShownSwarm;
+use super::command_forms::CommandForm;
 use super::parts::{Part, Shape};
 use super::visible::{Floor, Stage, Targets, Words};
 use crate::scenario::{LinkChange, Plan};
@@ -17,7 +18,7 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 /// Version of the layout; raised on every change.
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
 
 /// What a scene says of a run as a whole.
 #[derive(Clone, Debug)]
@@ -40,13 +41,15 @@ pub struct Heading {
     pub changes: Vec<LinkChange>,
     /// The hosts, if there are several.
     pub hosts: Option<Arc<Hosts>>,
+    /// What can be commanded.
+    pub commands: Vec<CommandForm>,
 }
 
 /// In place of the name of a link: a plan that is shown without a run.
 pub const PLANNED: &str = "plan";
 
 impl Heading {
-    /// Returns the heading of a run of this plan.
+    /// Returns the heading of a run of this plan, which cannot be commanded.
     pub fn of(plan: &Plan) -> Heading {
         Heading {
             title: plan.title(),
@@ -58,6 +61,7 @@ impl Heading {
             partitions: plan.link.partitions.clone(),
             changes: plan.link_changes(),
             hosts: plan.link.hosts.clone().filter(|hosts| hosts.len() > 1),
+            commands: Vec::new(),
         }
     }
 }
@@ -92,6 +96,7 @@ pub(super) struct Beginning {
     hosts: Option<ShownHosts>,
     /// True if messages between modules are recorded.
     messages: bool,
+    commands: Vec<CommandForm>,
 }
 
 /// The hosts of a run.
@@ -167,6 +172,7 @@ impl Beginning {
             partitions: heading.partitions.iter().map(cut).collect(),
             hosts: heading.hosts.as_deref().map(|hosts| ShownHosts::of(hosts, bodies.len())),
             messages,
+            commands: heading.commands.clone(),
         }
     }
 }

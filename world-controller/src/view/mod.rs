@@ -8,11 +8,12 @@
 //! step).
 //!
 //! The page only looks, unless the run was started with `--control`: then `control` takes commands from a page that holds
-//! the second secret.
+//! the second secret, and `command_forms` says what can be commanded.
 
 pub mod access;
 pub mod beginning;
 pub mod bodies;
+pub mod command_forms;
 pub mod control;
 pub mod elements;
 pub mod export;

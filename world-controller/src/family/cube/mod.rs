@@ -109,6 +109,9 @@ impl SwarmPlan for Cubes {
         Arc::make_mut(&mut swarm.setup).params.defect = defect;
         Swarm::new(swarm)
     }
+    fn steering(&self) -> &'static [&'static str] {
+        &["goto", "hold", "release"]
+    }
     fn contacts(&self) -> Option<Vec<(ModuleId, ModuleId)>> {
         // Invariant: the cells are in ascending order, and there are fewer than 2^32.
         let at = |cell: Cell| self.cells.binary_search(&cell).ok().map(|i| ModuleId(i as u32));

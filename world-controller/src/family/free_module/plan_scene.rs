@@ -80,6 +80,7 @@ fn heading(plan: &PlanFile, repeat: String) -> Heading {
         partitions: Vec::new(),
         changes: Vec::new(),
         hosts: None,
+        commands: Vec::new(),
     }
 }
 

@@ -34,12 +34,13 @@ use crate::scenario::table::Section;
 use error::MetamoduleError;
 use metamorph_protocol::defects::Defect;
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::metamodule::params::{Floor, Setup};
+use metamorph_protocol::metamodule::params::{Floor, Setup, Strategy};
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::metamodule::start::draw_start;
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::faults::{Target, WorldFault};
-use metamorph_sim_bridge::metamodule::faults::COMMANDS;
+use metamorph_sim_bridge::director::steering::Steering;
+use metamorph_sim_bridge::metamodule::faults::{COMMANDS, DROP, GOAL_SET, TUNED};
 use scenario::RawMetamodules;
 use std::fmt;
 use std::sync::Arc;
@@ -159,6 +160,21 @@ impl SwarmPlan for Metamodules {
         let Target::Element(element) = *target else { return None };
         (usize::from(element) >= elements)
             .then(|| MetamoduleError::NoSuchElement { element, elements }.into())
+    }
+    fn steering(&self) -> &'static [&'static str] {
+        match self.setup.params.strategy {
+            Strategy::Planned => &[],
+            _ => &Steering::VERBS,
+        }
+    }
+    fn heeds(&self, kind: &WorldFault) -> bool {
+        let strategy = self.setup.params.strategy;
+        match *kind {
+            DROP => !self.setup.elements.all().is_empty(),
+            GOAL_SET => self.setup.goals.len() > 1 && strategy != Strategy::Planned,
+            TUNED => strategy.is_published(),
+            _ => true,
+        }
     }
     fn contacts(&self) -> Option<Vec<(ModuleId, ModuleId)>> {
         let range = self.setup.params.communication_range;

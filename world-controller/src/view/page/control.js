@@ -4,14 +4,33 @@
 import { by, make } from "./dom.js";
 
 const VERSION = 1;
-const VERBS = [
-  ["kill", "the process ends; the body stays"],
-  ["restart", "the process starts again without its memory"],
-  ["pause", "the process stands still"],
-  ["resume", "the process goes on"],
-  ["stick", "the joint sticks: moves fail"],
-  ["unstick", "the joint is free again"],
-];
+
+/**
+ * The parameters of commands: the fields to fill, each with its label and first value, and the text that they make.
+ * @type {Record<string, { fields: [string, number][], text: (...values: string[]) => string }>}
+ */
+const PARAMETERS = {
+  cell: { fields: [["x", 0], ["y", 0], ["z", 0]], text: (x, y, z) => `[${x}, ${y}, ${z}]` },
+  shift: { fields: [["x", 1], ["y", 0]], text: (x, y) => `[${x}, ${y}]` },
+  number: { fields: [["no.", 0]], text: (number) => number },
+  percent: { fields: [["%", 20]], text: (percent) => `${percent}%` },
+  modules: { fields: [["from", 0], ["to", 0]], text: (first, last) => `${first}..${last}` },
+  lease: { fields: [["s", 60]], text: (seconds) => `for ${seconds}s` },
+};
+/** The longest time that a command holds, in seconds. */
+const LONGEST_LEASE = 600;
+
+/** Returns the fields of a parameter, and what reads its text from them. */
+function parameter(kind, verb) {
+  if (kind.words) {
+    const select = make("select", { "aria-label": `${verb}: value` }, ...kind.words.map((word) => make("option", {}, word)));
+    return { fields: [select], text: () => select.value };
+  }
+  const { fields, text } = PARAMETERS[kind];
+  const bounds = { cell: {}, shift: {}, lease: { min: 1, max: LONGEST_LEASE }, percent: { min: 0, max: 100 } }[kind] ?? { min: 0 };
+  const inputs = fields.map(([name, value]) => make("input", { type: "number", step: 1, required: true, value, "aria-label": `${verb}: ${name}`, ...bounds }));
+  return { fields: fields.map(([name], i) => make("label", {}, name, inputs[i])), text: () => text(...inputs.map((input) => input.value)) };
+}
 
 const random = () => [...crypto.getRandomValues(new Uint8Array(16))].map((b) => b.toString(16).padStart(2, "0")).join("");
 
@@ -31,14 +50,31 @@ export class Control {
     this.waiting = Promise.resolve();
     /** Called after each answer, with a text for the user. */
     this.onAnswer = (_text) => {};
+    /** Called after a command was taken. */
+    this.onTaken = () => {};
   }
 
-  /** Makes the buttons; `chosen` returns the module that they are for. */
-  show(place, chosen) {
-    const button = ([verb, title]) =>
-      make("button", { type: "button", title, "data-command": verb, onclick: () => this.give(`${verb} ${chosen()}`) }, verb);
-    place.replaceChildren(make("h3", {}, "commands"), make("div", { class: "commands" }, ...VERBS.map(button)), make("p", { id: "answer", role: "status" }));
-    place.hidden = false;
+  /**
+   * Makes the buttons: those to one module, which `chosen` returns, and those to the run.
+   * @param {{ verb: string, of_module: boolean, parameters: any[], about: string }[]} commands
+   * @param {() => number | null} chosen
+   */
+  show(commands, chosen) {
+    const button = ({ verb, of_module, parameters, about }) => {
+      const all = parameters.map((kind) => parameter(kind, verb));
+      const give = (event) => {
+        event.preventDefault();
+        this.give([verb, ...(of_module ? [chosen()] : []), ...all.map((one) => one.text())].join(" "));
+      };
+      const press = make("button", { type: "submit", title: about, "data-command": verb }, verb);
+      return make("form", { class: "command", onsubmit: give }, press, ...all.flatMap((one) => one.fields));
+    };
+    for (const [place, title, of_module] of /** @type {[string, string, boolean][]} */ ([["commands", "commands", true], ["run-commands", "commands to the run", false]])) {
+      const own = commands.filter((command) => command.of_module === of_module).map(button);
+      by(place).replaceChildren(make(of_module ? "h3" : "h2", {}, title), make("div", { class: "commands" }, ...own));
+      by(place).hidden = !own.length;
+    }
+    by("answer").hidden = false;
     this.onAnswer = (text) => (by("answer").textContent = text);
   }
 
@@ -60,6 +96,7 @@ export class Control {
       if (answer.n) this.n = answer.n;
       if (response.status === 202) continue;
       if (response.status === 423 && confirm(`${answer.why}. Take over?`)) return this.send(command, true);
+      if (answer.result === "taken") this.onTaken();
       const how = answer.result === "taken" ? `taken, at ${answer.at_s.toFixed(2)} s` : answer.why;
       return this.onAnswer(`${command}: ${how}`);
     }

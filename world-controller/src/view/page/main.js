@@ -47,6 +47,9 @@ class Page {
     this.plain = false;
     this.scale = 1;
     this.late = 0;
+    /** The timer of the next request for what is new; null while one is under way. */
+    this.next = null;
+    this.isHurried = false;
     this.setTheme(matchMedia("(prefers-color-scheme: dark)").matches);
     this.camera = new Viewpoint(by("space"));
     this.renderer = new Renderer(by("space"));
@@ -55,7 +58,8 @@ class Page {
     this.panel = new Panel(story, this.picture);
     this.hosts = new HostsTable(story);
     this.control = story.over ? null : Control.fromAddress();
-    this.control?.show(by("commands"), () => this.chosen);
+    this.control?.show(story.scene.commands, () => this.chosen);
+    if (this.control) this.control.onTaken = () => this.hurry();
     this.redraw = () => (this.dirty = this.stale = true);
     this.look = new Look(this);
     this.fill();
@@ -284,7 +288,17 @@ class Page {
     else this.note(`The run cannot be followed any more: ${error.message}`);
   }
 
+  /** Asks for what is new at once, or, if that was asked before now, again after it. */
+  hurry() {
+    this.isHurried = true;
+    if (this.next === null) return;
+    clearTimeout(this.next);
+    this.follow();
+  }
+
   async follow() {
+    this.next = null;
+    this.isHurried = false;
     const end = this.story.now;
     try {
       while (await this.story.follow());
@@ -295,7 +309,9 @@ class Page {
     // The time may have changed before the response arrived.
     if (this.t >= end && !this.playing) this.t = this.story.now;
     this.redraw();
-    if (!this.story.over) setTimeout(() => this.follow(), this.control ? FOLLOW_CLOSELY : FOLLOW_EVERY);
+    if (this.story.over) return;
+    const wait = this.isHurried ? 0 : this.control ? FOLLOW_CLOSELY : FOLLOW_EVERY;
+    this.next = setTimeout(() => this.follow(), wait);
   }
 
   frame(now) {
