@@ -14,6 +14,14 @@ export const cell = (k) => [(k % SIDE) - HALF, (Math.floor(k / SIDE) % SIDE) - H
 export const inRange = ([x, y, z]) => Math.abs(x) <= LIMIT && Math.abs(y) <= LIMIT && z >= 0 && z <= LIMIT;
 /** @param {Cell} a @param {Cell} b @returns {Cell} */
 export const plus = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+/** How far the numbers of the six cells that share a face with one are from its own. */
+const BESIDE = [1, -1, SIDE, -SIDE, SIDE * SIDE, -SIDE * SIDE];
+/** The cells that others do not enclose on all sides. @param {Set<number>} cells @returns {Set<number>} */
+export function outside(cells) {
+  const found = new Set();
+  for (const k of cells) if (BESIDE.some((d) => !cells.has(k + d))) found.add(k);
+  return found;
+}
 /** @param {Cell} a @param {Cell} b */
 export const same = (a, b) => a[0] === b[0] && a[1] === b[1] && a[2] === b[2];
 
@@ -23,12 +31,17 @@ export const same = (a, b) => a[0] === b[0] && a[1] === b[1] && a[2] === b[2];
  * @returns {{ low: Cell, high: Cell } | null}
  */
 export function bounds(cells) {
-  let low = null, high = null;
+  /** @type {Cell} */
+  const low = [Infinity, Infinity, Infinity];
+  /** @type {Cell} */
+  const high = [-Infinity, -Infinity, -Infinity];
   for (const c of cells) {
-    low = low ? low.map((v, i) => Math.min(v, c[i])) : [...c];
-    high = high ? high.map((v, i) => Math.max(v, c[i])) : [...c];
+    for (let i = 0; i < 3; i++) {
+      if (c[i] < low[i]) low[i] = c[i];
+      if (c[i] > high[i]) high[i] = c[i];
+    }
   }
-  return low ? { low, high } : null;
+  return low[0] <= high[0] ? { low, high } : null;
 }
 
 /**

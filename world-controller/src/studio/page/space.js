@@ -1,7 +1,7 @@
 // The drawing in space: cubes, modules, ghosts, cursor, mirrors, and what the pointer points at.
 
 import * as three from "./vendor/three.js";
-import { bounds, cell, key, plus } from "./cells.js";
+import { bounds, cell, key, outside, plus } from "./cells.js";
 
 /** @typedef {import("./cells.js").Cell} Cell */
 /** @typedef {{ at: Cell, face: Cell, onCube: boolean, lift?: number }} Hit what the pointer points at: the cell to fill, and the
@@ -39,6 +39,15 @@ void main() {
   float line = 1.0 - smoothstep(0.02, 0.02 + 1.4 * width, middle);
   pixel = vec4(mix(colour * light, edge, 0.75 * line), opacity);
 }`;
+
+/** True if pictures are drawn by the processor, where smooth outlines take several times as long. */
+function isSoftware() {
+  const context = document.createElement("canvas").getContext("webgl2");
+  const about = context?.getExtension("WEBGL_debug_renderer_info");
+  const name = about ? String(context.getParameter(about.UNMASKED_RENDERER_WEBGL)) : "";
+  context?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(name);
+}
 
 // Colours are those of the style sheet, as they are.
 three.ColorManagement.enabled = false;
@@ -94,7 +103,7 @@ export class Space {
   /** @param {HTMLCanvasElement} canvas @param {import("./structure.js").Structure} structure */
   constructor(canvas, structure) {
     [this.canvas, this.structure] = [canvas, structure];
-    this.renderer = new three.WebGLRenderer({ canvas, antialias: true });
+    this.renderer = new three.WebGLRenderer({ canvas, antialias: !isSoftware() });
     this.renderer.outputColorSpace = three.LinearSRGBColorSpace;
     this.renderer.autoClear = false;
     this.scene = new three.Scene();
@@ -118,13 +127,18 @@ export class Space {
     /** @type {{ add: Cell[], remove: Cell[], cells: Cell[], near: Cell[] }} */
     this.marks = { add: [], remove: [], cells: [], near: [] };
     this.wires();
+    /** @type {Set<number> | null} the cells that are drawn, until the drawing changes, and in the order of their boxes */
+    this.open = null;
     /** @type {Cell[]} */
     this.order = [];
     this.frames = 0;
     this.asked = false;
     this.theme();
     new ResizeObserver(() => this.resize()).observe(canvas);
-    structure.addEventListener("change", () => this.redraw());
+    structure.addEventListener("change", () => {
+      this.open = null;
+      this.redraw();
+    });
     structure.addEventListener("look", () => this.redraw());
     this.preset("iso");
   }
@@ -235,7 +249,12 @@ export class Space {
 
   rebuild() {
     const { cells, selected, cursor } = this.structure;
-    this.order = [...cells].map(cell);
+    // What is enclosed by others on all sides is neither seen nor pointed at.
+    if (!this.open) {
+      this.open = outside(cells);
+      this.order = [...this.open].map(cell);
+    }
+    const { open } = this;
     const left = new Set(this.left.map(key));
     const [reason, near] = [new Set(this.marks.cells.map(key)), new Set(this.marks.near.map(key))];
     const colourOf = (c, plain) => {
@@ -247,9 +266,13 @@ export class Space {
     };
     this.cubes.fill(this.order.length, (i, set) => set(this.order[i], [0.98, 0.98, 0.98], colourOf(this.order[i], this.colours.cube)));
     // A pair that has lost a cell since it was computed, and a cell without a pair, are drawn as cubes.
-    const pairs = this.pairs.slice(0, this.shown).filter(([a, b]) => this.structure.has(a) && this.structure.has(b));
-    const paired = new Set(this.pairs.filter(([a, b]) => this.structure.has(a) && this.structure.has(b)).flatMap(([a, b]) => [key(a), key(b)]));
-    const single = this.shown < this.pairs.length ? [] : this.order.filter((c) => !paired.has(key(c)));
+    const isWhole = this.shown >= this.pairs.length;
+    const there = this.pairs.filter(([a, b]) => this.structure.has(a) && this.structure.has(b));
+    // While modules are put together one sees into the drawing.
+    const isSeen = isWhole ? ([a, b]) => open.has(key(a)) || open.has(key(b)) : () => true;
+    const pairs = (isWhole ? there : this.pairs.slice(0, this.shown).filter(([a, b]) => this.structure.has(a) && this.structure.has(b))).filter(isSeen);
+    const paired = new Set(there.flatMap(([a, b]) => [key(a), key(b)]));
+    const single = isWhole ? this.order.filter((c) => !paired.has(key(c))) : [];
     const along = [this.colours["along-x"], this.colours["along-y"], this.colours["along-z"]];
     this.modules.fill(pairs.length + single.length, (i, set) => {
       if (i < pairs.length) {
