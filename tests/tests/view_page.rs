@@ -24,7 +24,8 @@ fn commands_a_run_in_progress() {
         return println!("skipped: there is no chromium or chrome on this machine");
     };
     let file = scenario("swarm.toml").display().to_string();
-    let view = View::start(&["run", &file, "--link", "sim", "--time-scale", "1", "--view", "--control", "--quiet"]);
+    let view =
+        View::start(&["run", &file, "--link", "sim", "--time-scale", "1", "--view", "--control", "--quiet"]);
     let mut browser = Browser::start(program);
     browser.open(&format!("{}#c={}", view.address, view.secret));
     browser.until("document.body.dataset.state === 'paused'");

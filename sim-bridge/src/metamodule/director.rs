@@ -99,7 +99,7 @@ pub struct MetamoduleDirector {
     prevented_before: u64,
     done: u64,
     moves: u64,
-    last_deed: Time,
+    last_action: Time,
     last_fill: Time,
     next_check: Time,
     outcome: Option<(Time, Outcome)>,
@@ -149,7 +149,7 @@ impl MetamoduleDirector {
             prevented_before: 0,
             done: 0,
             moves: 0,
-            last_deed: Time::ZERO,
+            last_action: Time::ZERO,
             last_fill: Time::ZERO,
             next_check: Time::ZERO,
             outcome: None,
@@ -358,7 +358,7 @@ impl MetamoduleDirector {
         self.task = Task { epoch: self.task.epoch.saturating_add(1), goal, shift };
         self.filled = SeedSet::default();
         self.elsewhere = None;
-        (self.last_fill, self.last_deed) = (now, now);
+        (self.last_fill, self.last_action) = (now, now);
         self.disturb();
         let order = self.seeds();
         self.order_all(order);
@@ -420,7 +420,7 @@ impl MetamoduleDirector {
             + action_counts.let_go;
         if done != self.done {
             self.done = done;
-            self.last_deed = now;
+            self.last_action = now;
         }
         self.next_check = now + self.setup.params.turn_time;
         self.count_filled(now, world);
@@ -449,7 +449,7 @@ impl MetamoduleDirector {
         }
         // An operator may help a swarm that has found out that it cannot go on.
         let follows = self.follow && self.operator.is_none();
-        let idle_since = self.last_deed.max(self.last_fill).max(self.stop.planned_until).max(leased);
+        let idle_since = self.last_action.max(self.last_fill).max(self.stop.planned_until).max(leased);
         if now >= self.stop.timeout {
             self.stall = Some(self.explain(idle_since, world));
             self.finish(now, Outcome::Timeout);
@@ -511,7 +511,7 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
     }
 
     fn external(&mut self, now: Time, id: ModuleId, what: &Outside, world: &MetamoduleWorld) {
-        self.last_deed = now;
+        self.last_action = now;
         let found = self.found(id, world);
         self.faults.external(now, id, what, &found);
     }

@@ -81,6 +81,8 @@ pub fn scenario(room: &Room, stages: &[Stage], kind: Kind, origin: &str) -> Resu
     for cell in room.keep_out.iter().flat_map(Block::cells) {
         let _ = write!(out, "\n[[fault]]\nobstacle = [{}, {}, {}]\nat = \"0s\"\n", cell.x, cell.y, cell.z);
     }
+    // So many ways through one room are quick to plan together, and slow to negotiate one by one.
+    out += "\n[protocol]\nstrategy = \"planned\"                       # or negotiated: without a plan of the controller\n";
     let _ = write!(out, "\n[stop]\ntimeout = \"{}s\"\n", 2_000 * (seeds + room.spare));
     Ok(out)
 }

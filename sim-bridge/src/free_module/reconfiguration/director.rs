@@ -57,7 +57,7 @@ pub struct FreeModuleDirector {
     /// Whether the bodies form the goal.
     is_reached: bool,
     built: Option<Time>,
-    last_deed: Time,
+    last_action: Time,
     last_gain: Time,
     next_check: Time,
     outcome: Option<(Time, Outcome)>,
@@ -82,7 +82,7 @@ impl FreeModuleDirector {
             is_reached: false,
             joined: (0, 0),
             built: None,
-            last_deed: Time::ZERO,
+            last_action: Time::ZERO,
             last_gain: Time::ZERO,
             next_check: Time::ZERO,
             outcome: None,
@@ -147,7 +147,7 @@ impl FreeModuleDirector {
 
     fn inject(&mut self, now: Time, fault: Fault, world: &mut FreeModuleWorld) {
         // A fault or its end may resolve a standstill.
-        self.last_deed = now;
+        self.last_action = now;
         let Some(id) = fault.module() else {
             let effect = "free modules have no such fault".to_owned();
             return self.faults.inject(now, fault, false, effect, &mut self.commands);
@@ -173,7 +173,7 @@ impl FreeModuleDirector {
         let counts = world.counts();
         let done = counts.turns + counts.sides;
         if done != self.done {
-            (self.done, self.last_deed) = (done, now);
+            (self.done, self.last_action) = (done, now);
         }
         let ended = done + counts.failed;
         if ended == self.ended && self.joined != (0, 0) {
@@ -201,7 +201,7 @@ impl FreeModuleDirector {
             return self.finish(now, Outcome::Built);
         }
         let planned = self.faults.is_pending() || now < self.stop.planned_until;
-        let idle_since = self.last_deed.max(self.stop.planned_until);
+        let idle_since = self.last_action.max(self.stop.planned_until);
         let outcome = if now >= self.stop.timeout {
             Outcome::Timeout
         } else if planned {
@@ -274,7 +274,7 @@ impl DirectorPort<FreeModuleWorld> for FreeModuleDirector {
     }
 
     fn external(&mut self, now: Time, id: ModuleId, what: &Outside, world: &FreeModuleWorld) {
-        self.last_deed = now;
+        self.last_action = now;
         let found = self.found(id, world);
         self.faults.external(now, id, what, &found);
     }

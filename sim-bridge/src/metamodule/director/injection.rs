@@ -39,7 +39,7 @@ impl MetamoduleDirector {
 
     pub(super) fn inject(&mut self, now: Time, fault: Fault, world: &mut MetamoduleWorld) {
         // A fault or its end may resolve a standstill.
-        self.last_deed = now;
+        self.last_action = now;
         let Some(id) = fault.module() else { return self.strike_cell(now, fault, world) };
         let (alive, mut effect, rule) =
             (self.known[id.index()].alive, self.found(id, world), self.rule(now, &fault));
