@@ -119,7 +119,7 @@ pub trait Agent: Sized + Send + Sync + 'static {
     /// Reports of an agent to the world-controller.
     type Report: Wire;
 
-    /// The number of ports of a module, at most 32.
+    /// The number of ports of a module, at most [`PortSet::CAPACITY`](crate::ids::PortSet::CAPACITY).
     const PORTS: usize;
 
     /// Creates an agent. All its contacts follow as inputs before anything else.

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
+use std::hash::{Hash, Hasher};
 
 macro_rules! id {
     ($(#[$doc:meta])* $name:ident($int:ty)) => {
@@ -44,6 +45,64 @@ id!(
     /// the body refuses it if its contacts have changed since. So on any transport an agent acts on present contacts.
     Revision(u32)
 );
+
+/// A set of ports, of which each is below [`PortSet::CAPACITY`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct PortSet(u128);
+
+impl PortSet {
+    /// Number of ports that a set has room for.
+    pub const CAPACITY: usize = u128::BITS as usize;
+
+    const fn bit(port: Port) -> u128 {
+        1 << port.0
+    }
+    /// Returns true if no port is in the set.
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+    /// Returns true if a port is in the set.
+    pub const fn contains(self, port: Port) -> bool {
+        self.0 & PortSet::bit(port) != 0
+    }
+    /// Adds a port.
+    pub const fn insert(&mut self, port: Port) {
+        self.0 |= PortSet::bit(port);
+    }
+    /// Removes a port, if it is in the set.
+    pub const fn remove(&mut self, port: Port) {
+        self.0 &= !PortSet::bit(port);
+    }
+    /// Iterates over the ports in the set, in ascending order.
+    pub fn iter(self) -> impl Iterator<Item = Port> + use<> {
+        let mut left = self.0;
+        std::iter::from_fn(move || {
+            let port = Port(left.trailing_zeros() as u8);
+            left &= left.checked_sub(1)?;
+            Some(port)
+        })
+    }
+}
+
+impl FromIterator<Port> for PortSet {
+    fn from_iter<I: IntoIterator<Item = Port>>(ports: I) -> PortSet {
+        let mut set = PortSet::default();
+        ports.into_iter().for_each(|port| set.insert(port));
+        set
+    }
+}
+
+/// The first 32 ports as one number, and the others only if there are any: the hash of a set of the first 32 ports does
+/// not depend on the capacity.
+impl Hash for PortSet {
+    fn hash<H: Hasher>(&self, hasher: &mut H) {
+        (self.0 as u32).hash(hasher);
+        let others = self.0 >> 32;
+        if others != 0 {
+            (others as u64, (others >> 64) as u32).hash(hasher);
+        }
+    }
+}
 
 /// One of the hosts that a swarm runs on, numbered from 0 and called `h1`, `h2` and so on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default)]

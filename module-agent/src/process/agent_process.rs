@@ -41,10 +41,16 @@ const DRAINS: usize = 1_000;
 /// Number of wake inputs in one turn; an agent that wants more in one instant gets them after the next drain.
 const WAKES: usize = 16;
 
-/// Returns the largest number of messages that the counts of a killed process may miss: in its inbox, taken
-/// from it, waiting for their contact, gathered to be sent, or held back by its link.
-pub fn in_hand(ports: usize, transparent: bool) -> u64 {
-    let inbox = (ports + INBOX_SPARE) * INBOX_DEPTH;
+/// Returns the largest number of neighbours that an agent has at a time in a swarm of `count` modules.
+pub fn most_neighbours<A: Agent>(count: usize) -> usize {
+    A::PORTS.min(count.saturating_sub(1))
+}
+
+/// Returns the largest number of messages that the counts of a killed process may miss, if it has at most `neighbours`
+/// neighbours at a time: in its inbox, taken from it, waiting for their contact, gathered to be sent, or held back by
+/// its link.
+pub fn in_hand(neighbours: usize, transparent: bool) -> u64 {
+    let inbox = (neighbours + INBOX_SPARE) * INBOX_DEPTH;
     let held = if transparent { 0 } else { HELD_LIMIT };
     (inbox + DRAIN + EARLY_LIMIT + 2 * BURST + 2 * held) as u64
 }

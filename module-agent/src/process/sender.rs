@@ -7,7 +7,7 @@ use crate::run_dir::counter_file::AgentCounters;
 use crate::transport::shared_frame::SharedFrame;
 use crate::transport::{Address, AgentKey, ConnectError, Link, SendStatus, Transport};
 use metamorph_protocol::counters::{Class, Tally};
-use metamorph_protocol::ids::Port;
+use metamorph_protocol::ids::{Port, PortSet};
 use metamorph_protocol::link::LinkChanges;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{Channel, Frame, Header, Wire};
@@ -111,8 +111,7 @@ impl Sender {
         transport: &mut T,
         tally: &mut Tally,
     ) {
-        // A port's bit is below 32: an agent has at most 32 ports.
-        let mut touched = 0u32;
+        let mut touched = PortSet::default();
         for frame in self.burst.drain(..) {
             let counts = &mut tally[frame.class];
             let port = contacts.get_mut(frame.port).filter(|port| port.contact.session == frame.session);
@@ -136,18 +135,16 @@ impl Sender {
             match link.send(if frame.damaged { shared.damaged(frame.class) } else { shared }) {
                 SendStatus::Sent => {
                     port.sent[frame.class.index()] += 1;
-                    touched |= 1 << frame.port.0;
+                    touched.insert(frame.port);
                 }
                 SendStatus::Full => {
                     counts.overflowed += 1;
-                    touched |= 1 << frame.port.0;
+                    touched.insert(frame.port);
                 }
                 SendStatus::Gone => counts.expired += 1,
             }
         }
-        while touched != 0 {
-            let port = Port(touched.trailing_zeros() as u8);
-            touched &= touched - 1;
+        for port in touched.iter() {
             if let Some(link) = contacts.get_mut(port).and_then(|port| port.link.as_mut()) {
                 link.flush();
             }

@@ -4,7 +4,7 @@
 use crate::clock::monotonic;
 use crate::clock::source::FileClock;
 use crate::journal_file::{Head, JournalError, Parts, Writer, agent_part};
-use crate::process::agent_process::{AgentConfig, AgentProcess, AgentServices};
+use crate::process::agent_process::{AgentConfig, AgentProcess, AgentServices, most_neighbours};
 use crate::process::args::AgentArgs;
 use crate::process::orphan_watch::OrphanWatch;
 use crate::run_dir::controller_lease::ControllerLease;
@@ -95,7 +95,7 @@ pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
         return Err(AgentError::NoSuchModule(args.id.0, swarm.count));
     }
     let agent = (args.id, args.incarnation);
-    let mut transport = join(args, agent, A::PORTS)?;
+    let mut transport = join(args, agent, most_neighbours::<A>(swarm.count as usize))?;
     if let Some(hosts) = &swarm.link.hosts {
         transport = transport.on_hosts(Arc::clone(hosts), lease.generation);
     }
@@ -113,12 +113,12 @@ pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
     AgentProcess::<A, _, _>::new(config, services)?.run()
 }
 
-/// Joins the run and creates the inbox.
-fn join(args: &AgentArgs, agent: AgentKey, ports: usize) -> Result<IceoryxTransport, AgentError> {
+/// Joins the run and creates the inbox, for frames of up to `neighbours` neighbours at a time.
+fn join(args: &AgentArgs, agent: AgentKey, neighbours: usize) -> Result<IceoryxTransport, AgentError> {
     register(args, None)?;
     let at = Rendezvous::join(&args.root)?;
     register(args, Some(at.member()))?;
-    let transport = IceoryxTransport::agent(at, agent, ports)?;
+    let transport = IceoryxTransport::agent(at, agent, neighbours)?;
     space::allocate(&RunName::of_root(&args.root).map_err(ChannelError::Run)?)
         .map_err(|e| AgentError::Space(args.root.clone(), e))?;
     Ok(transport)

@@ -38,9 +38,9 @@ impl MemoryNetwork {
         MemoryNetwork::default()
     }
 
-    /// Creates the inbox of one agent that has `ports` ports.
-    pub fn agent(&self, agent: AgentKey, ports: usize) -> MemoryTransport {
-        self.join(Address::Agent(agent), INBOX_DEPTH, ports + INBOX_SPARE)
+    /// Creates the inbox of one agent that has up to `neighbours` neighbours at a time.
+    pub fn agent(&self, agent: AgentKey, neighbours: usize) -> MemoryTransport {
+        self.join(Address::Agent(agent), INBOX_DEPTH, neighbours + INBOX_SPARE)
     }
 
     /// Creates the inbox of the controller of this generation, for any number of agents.

@@ -17,7 +17,7 @@ use super::view::{Own, View};
 use crate::agent::{Agent, Birth, Input, InputOf, OutputOf, Summary};
 use crate::counters::Class;
 use crate::coverage::{CoveragePoint, hit};
-use crate::ids::{Port, Token};
+use crate::ids::{Port, PortSet, Token};
 use crate::rng::Rng;
 use crate::time::Time;
 use std::hash::{Hash, Hasher};
@@ -81,7 +81,7 @@ impl Agent for Metamodule {
     type Order = Order;
     type Report = Status;
 
-    const PORTS: usize = 24;
+    const PORTS: usize = PortSet::CAPACITY;
 
     fn new(setup: &Arc<Setup>, birth: Birth<Pose>, now: Time) -> Metamodule {
         let restarted = birth.incarnation.0 > 0;
@@ -99,8 +99,8 @@ impl Agent for Metamodule {
                 steered: None,
                 quarantine_until,
             },
-            neighbours: NeighbourTable::new(Self::PORTS),
-            locks: LockTable::new(Self::PORTS),
+            neighbours: NeighbourTable::default(),
+            locks: LockTable::default(),
             requester: Requester {
                 // Tokens of a later incarnation are larger than any of an earlier one.
                 token: Token(u32::from(birth.incarnation.0) << 20),

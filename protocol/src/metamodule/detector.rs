@@ -23,7 +23,7 @@ use super::outbox::Outbox;
 use super::phase::Phase;
 use super::view::View;
 use crate::counters::Class;
-use crate::ids::{Incarnation, ModuleId, Port};
+use crate::ids::{Incarnation, ModuleId, Port, PortSet};
 use crate::time::{Span, Time};
 use std::collections::BTreeMap;
 
@@ -39,7 +39,7 @@ struct Wave {
     /// The port that asked first; `None` at the initiator.
     from: Option<Port>,
     /// Ports that have not answered, and when they are asked again.
-    pending: u32,
+    pending: PortSet,
     again: Time,
     counted: Counted,
     /// This metamodule's stirs when it entered the wave; if it has stirred since, the wave is void.
@@ -75,11 +75,11 @@ fn is_passive(v: View<'_>, phase: &Phase) -> bool {
         && !v.any_unheard()
 }
 
-/// Ports of the neighbours that live, as a mask.
-fn living(v: View<'_>) -> u32 {
+/// Ports of the neighbours that live.
+fn living(v: View<'_>) -> PortSet {
     let heard = v.neighbours.iter().filter_map(|(port, n)| Some((port, n, n.state?)));
     let living = heard.filter(|(_, n, s)| !n.certified_dead && !v.neighbours.is_dead(s.id));
-    living.fold(0, |mask, (port, _, _)| mask | 1 << port.0)
+    living.map(|(port, _, _)| port).collect()
 }
 
 impl DeadlockDetector {
@@ -121,7 +121,7 @@ impl DeadlockDetector {
             // One initiator is enough: the one with the smallest number.
             let me = v.own.id;
             let lasts = |w: &Wave| now.since(w.began) <= detector.after * LASTS;
-            let unfinished = |w: &Wave| w.pending != 0 && w.stirs == self.stirs;
+            let unfinished = |w: &Wave| !w.pending.is_empty() && w.stirs == self.stirs;
             let mut others = self.waves.iter().filter(|(_, w)| lasts(w));
             if !others.any(|(id, w)| *id < me || (*id == me && unfinished(w))) {
                 self.number = self.number.wrapping_add(1);
@@ -146,7 +146,8 @@ impl DeadlockDetector {
 
     /// Enters a wave: asks all live neighbours except the one that asked first.
     fn enter(&mut self, v: View<'_>, out: &mut Outbox, initiator: ModuleId, number: u32, from: Option<Port>) {
-        let pending = living(v) & !from.map_or(0, |p| 1 << p.0);
+        let mut pending = living(v);
+        from.iter().for_each(|port| pending.remove(*port));
         let counted = Counted { metamodules: 1, stirs: self.stirs };
         let (began, again) = (v.now, v.now + v.params().resend);
         let wave = Wave { number, began, from, pending, again, counted, stirs: self.stirs };
@@ -172,14 +173,14 @@ impl DeadlockDetector {
                 // get nothing, so that each metamodule is counted once.
                 let first = w.from == Some(port);
                 let answer = if first { w.counted } else { Counted::default() };
-                if w.number == number && w.stirs == stirs && !(first && w.pending != 0) {
+                if w.number == number && w.stirs == stirs && (!first || w.pending.is_empty()) {
                     send(out, port, initiator, number, Some(answer));
                 }
             }
             (Some(w), Some(counted)) => {
-                let asked = w.pending & 1 << port.0 != 0;
+                let asked = w.pending.contains(port);
                 if w.number == number && w.stirs == stirs && asked {
-                    w.pending &= !(1 << port.0);
+                    w.pending.remove(port);
                     w.counted = w.counted.and(counted);
                     self.end_wave(v, out, initiator);
                 }
@@ -192,7 +193,7 @@ impl DeadlockDetector {
     /// with that of the wave before.
     fn end_wave(&mut self, v: View<'_>, out: &mut Outbox, initiator: ModuleId) {
         let Some(detector) = v.params().detector else { return };
-        let complete = self.waves.get_mut(&initiator).filter(|w| w.pending == 0);
+        let complete = self.waves.get_mut(&initiator).filter(|w| w.pending.is_empty());
         let Some(wave) = complete else { return };
         wave.again = Time::NEVER;
         let (number, counted, began) = (wave.number, wave.counted, wave.began);
@@ -208,8 +209,8 @@ impl DeadlockDetector {
     }
 }
 
-fn question(out: &mut Outbox, initiator: ModuleId, wave: u32, pending: u32) {
-    for port in (0..u32::BITS as u8).filter(|p| pending >> p & 1 == 1).map(Port) {
+fn question(out: &mut Outbox, initiator: ModuleId, wave: u32, pending: PortSet) {
+    for port in pending.iter() {
         send(out, port, initiator, wave, None);
     }
 }

@@ -4,10 +4,13 @@
 use super::agent::Metamodule;
 use super::locks::Requester;
 use super::view::Own;
-use crate::agent::Agent;
 use crate::digest::Portable;
 use crate::ids::Port;
 use std::hash::{Hash, Hasher};
+
+/// Number of ports that are part of every hash. The others are part of it while they have a neighbour, so that the
+/// hash does not depend on the number of ports.
+const HASHED_PORTS: usize = 24;
 
 impl Metamodule {
     pub(super) fn digest_state(&self, hasher: &mut dyn Hasher) {
@@ -41,12 +44,15 @@ impl Metamodule {
 
     /// All that is kept of each neighbour, by port.
     fn digest_neighbours(&self, hasher: &mut Portable<'_>) {
-        Self::PORTS.hash(hasher);
-        for port in (0..Self::PORTS as u8).map(Port) {
+        let known = |port: Port| {
+            let n = self.neighbours.get(port)?;
             let path = self.policy.negotiated().and_then(|n| n.way_of(port));
             let (grant, over) = (self.locks.grant_of(port), self.locks.over(port));
-            let neighbour = self.neighbours.get(port);
-            neighbour.map(|n| (n.session, n.state, path, grant, n.certified_dead, over)).hash(hasher);
-        }
+            Some((n.session, n.state, path, grant, n.certified_dead, over))
+        };
+        HASHED_PORTS.hash(hasher);
+        (0..HASHED_PORTS as u8).map(Port).for_each(|port| known(port).hash(hasher));
+        let others = self.neighbours.iter().map(|(port, _)| port).filter(|p| p.index() >= HASHED_PORTS);
+        others.for_each(|port| (port, known(port)).hash(hasher));
     }
 }

@@ -18,7 +18,7 @@ impl Metamodule {
     pub(super) fn ask(&mut self, now: Time, plan: Plan) {
         let pending = Requester::ports_to_ask(self.view(now));
         self.requester.token.0 += 1;
-        if pending == 0 {
+        if pending.is_empty() {
             return self.begin(now, now, plan);
         }
         let again = now + self.setup.params.resend;
@@ -30,7 +30,7 @@ impl Metamodule {
     fn send_requests(&mut self, now: Time) {
         let Phase::Asking(attempt) = &self.phase else { return };
         let message = self.requester.request(self.view(now), self.policy.rank(), &attempt.plan);
-        for port in attempt.pending_ports() {
+        for port in attempt.pending.iter() {
             self.out.send(port, Class::Negotiation, message);
         }
     }
@@ -38,7 +38,7 @@ impl Metamodule {
     /// Begins the motion if all have answered, and repeats the request otherwise.
     pub(super) fn ask_again(&mut self, now: Time) {
         let Phase::Asking(attempt) = &mut self.phase else { return };
-        if attempt.pending == 0 {
+        if attempt.pending.is_empty() {
             return self.set_out(now);
         }
         hit(CoveragePoint::MetaResent);

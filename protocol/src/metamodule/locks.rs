@@ -6,6 +6,7 @@
 
 use super::message::{Denial, Message, Rank};
 use super::motions::Sweep;
+use super::neighbour_table::slot;
 use super::params::Setup;
 use super::phase::Phase;
 use super::plan::Plan;
@@ -13,7 +14,7 @@ use super::pose::Pose;
 use super::view::View;
 use crate::coverage::{CoveragePoint, hit};
 use crate::defects::Defect;
-use crate::ids::{ModuleId, Port, Token};
+use crate::ids::{ModuleId, Port, PortSet, Token};
 use crate::lattice::Cell;
 use crate::rng::Rng;
 use crate::time::{Span, Time};
@@ -41,19 +42,14 @@ struct PortLocks {
     over: Token,
 }
 
-/// The locks that a metamodule has granted, by port.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+/// The locks that a metamodule has granted, by port. Grows with the highest port in use.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Default)]
 pub(super) struct LockTable(Vec<PortLocks>);
 
 impl LockTable {
-    pub fn new(ports: usize) -> LockTable {
-        LockTable(vec![PortLocks::default(); ports])
-    }
     /// Clears a port at the start of a contact: another neighbour is there now.
     pub fn begin(&mut self, port: Port) {
-        if let Some(slot) = self.0.get_mut(port.index()) {
-            *slot = PortLocks::default();
-        }
+        *slot(&mut self.0, port) = PortLocks::default();
     }
     pub fn grant_of(&self, port: Port) -> Option<&Grant> {
         self.0.get(port.index())?.grant.as_ref()
@@ -199,14 +195,13 @@ impl Requester {
             ends: plan.ends,
         }
     }
-    /// Returns the ports of the neighbours whose consent a motion needs, as a mask: live ones that may move.
-    pub fn ports_to_ask(v: View<'_>) -> u32 {
+    /// Returns the ports of the neighbours whose consent a motion needs: live ones that may move.
+    pub fn ports_to_ask(v: View<'_>) -> PortSet {
         if v.has(Defect::AskNone) {
-            return 0;
+            return PortSet::default();
         }
         let may_move = |s: &super::message::State| !v.stays(s) && !v.neighbours.is_dead(s.id);
-        let asked = v.neighbours.states().filter(|(_, s)| may_move(s));
-        asked.fold(0, |mask, (port, _)| mask | 1 << port.0)
+        v.neighbours.states().filter(|(_, s)| may_move(s)).map(|(port, _)| port).collect()
     }
 }
 
@@ -223,7 +218,9 @@ mod tests {
     #[test]
     fn a_grant_ends_by_release_lease_or_session() {
         let (a, b) = (Port(0), Port(1));
-        let mut locks = LockTable::new(2);
+        let mut locks = LockTable::default();
+        locks.begin(a);
+        locks.begin(b);
         let held = |locks: &LockTable| locks.iter().map(|(port, g)| (port.0, g.token.0)).collect::<Vec<_>>();
         locks.grant(a, grant(5, 10));
         locks.grant(b, grant(7, 20));

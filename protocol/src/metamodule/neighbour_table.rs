@@ -22,9 +22,18 @@ impl Neighbour {
     }
 }
 
+/// Returns the entry of a port in a table that grows with the highest port in use.
+pub(super) fn slot<T: Clone + Default>(table: &mut Vec<T>, port: Port) -> &mut T {
+    if table.len() <= port.index() {
+        table.resize(port.index() + 1, T::default());
+    }
+    &mut table[port.index()]
+}
+
 /// All neighbours in range by port, and what else stands around.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Default)]
 pub(super) struct NeighbourTable {
+    /// Grows with the highest port in use.
     ports: Vec<Option<Neighbour>>,
     /// The poses of the bodies whose process is certified dead.
     pub dead: BTreeMap<ModuleId, Pose>,
@@ -33,9 +42,6 @@ pub(super) struct NeighbourTable {
 }
 
 impl NeighbourTable {
-    pub fn new(ports: usize) -> NeighbourTable {
-        NeighbourTable { ports: vec![None; ports], dead: BTreeMap::new(), obstacles: BTreeSet::new() }
-    }
     pub fn get(&self, port: Port) -> Option<&Neighbour> {
         self.ports.get(port.index())?.as_ref()
     }
@@ -50,9 +56,7 @@ impl NeighbourTable {
     }
     /// Starts a session on a port, or none; forgets all that belonged to the one before.
     pub fn begin(&mut self, port: Port, session: Option<Session>) {
-        if let Some(slot) = self.ports.get_mut(port.index()) {
-            *slot = session.map(Neighbour::new);
-        }
+        *slot(&mut self.ports, port) = session.map(Neighbour::new);
     }
     /// All neighbours, by port.
     pub fn iter(&self) -> impl Iterator<Item = (Port, &Neighbour)> {
@@ -66,14 +70,11 @@ impl NeighbourTable {
         self.dead.contains_key(&id)
     }
     /// Returns true if a neighbour that has not been heard may be alive: there are more unheard neighbours than unheard
-    /// dead bodies within the communication range `range` of `foot`.
-    pub fn any_unheard(&self, foot: (i16, i16), range: u16) -> bool {
+    /// dead bodies within the communication range `range` of `own`.
+    pub fn any_unheard(&self, own: Pose, range: u16) -> bool {
         let unheard = self.iter().filter(|(_, n)| n.state.is_none()).count();
-        let in_range = |p: &Pose| {
-            let at = p.foot();
-            at.0.abs_diff(foot.0).max(at.1.abs_diff(foot.1)) <= range
-        };
         let is_heard = |id: ModuleId| self.states().any(|(_, s)| s.id == id);
-        unheard > self.dead.iter().filter(|(id, pose)| in_range(pose) && !is_heard(**id)).count()
+        unheard
+            > self.dead.iter().filter(|(id, pose)| own.is_within(range, **pose) && !is_heard(**id)).count()
     }
 }

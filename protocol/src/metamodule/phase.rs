@@ -7,7 +7,7 @@ use super::view::View;
 use crate::coverage::{CoveragePoint, hit};
 use crate::defects::Defect;
 use crate::digest::Portable;
-use crate::ids::Port;
+use crate::ids::{Port, PortSet};
 use crate::time::{Span, Time};
 use std::hash::Hash;
 
@@ -47,8 +47,8 @@ impl Phase {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Attempt {
     pub plan: Plan,
-    /// Ports that have not answered, as a mask.
-    pub pending: u32,
+    /// Ports that have not answered.
+    pub pending: PortSet,
     pub asked: Time,
     /// When the request is repeated, or the motion begins if all have answered.
     pub again: Time,
@@ -58,12 +58,8 @@ impl Attempt {
     /// Notes that the neighbour on a port has granted the lock, or need not grant it. Returns true if no answer is
     /// pending any more.
     pub fn granted_by(&mut self, port: Port) -> bool {
-        self.pending &= !(1 << port.0);
-        self.pending == 0
-    }
-    pub fn pending_ports(&self) -> impl Iterator<Item = Port> + use<> {
-        let pending = self.pending;
-        (0..u32::BITS as u8).filter(move |p| pending >> p & 1 == 1).map(Port)
+        self.pending.remove(port);
+        self.pending.is_empty()
     }
 }
 

@@ -95,6 +95,11 @@ impl Pose {
     pub const fn foot(self) -> (i16, i16) {
         (self.state.x, self.state.y)
     }
+    /// Returns true if the connector that holds `other` is at most `range` connectors away along x and along y.
+    pub const fn is_within(self, range: u16, other: Pose) -> bool {
+        let (a, b) = (self.foot(), other.foot());
+        a.0.abs_diff(b.0) <= range && a.1.abs_diff(b.1) <= range
+    }
 
     /// Writes eight bytes.
     pub fn encode(self, out: &mut Encoder) {

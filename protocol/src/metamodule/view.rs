@@ -91,7 +91,7 @@ impl<'a> View<'a> {
     /// Returns true if a neighbour in range has not been heard yet and may be alive. Such a neighbour may be about to
     /// move, however long it has been silent, and a metamodule that moved now would not ask it.
     pub fn any_unheard(self) -> bool {
-        self.neighbours.any_unheard(self.own.pose.foot(), self.params().communication_range)
+        self.neighbours.any_unheard(self.own.pose, self.params().communication_range)
     }
     /// Returns true if another metamodule is known to hold the element that this one holds. The dead hold on.
     pub fn shares_element(self) -> bool {

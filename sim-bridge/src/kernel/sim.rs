@@ -42,6 +42,8 @@ use std::sync::Arc;
 const INBOX: usize = 32;
 /// The number of events that the kernel looks ahead at a time.
 const AT_HAND: usize = 16;
+/// Largest number of lines of the cache that are read ahead for the links of one module.
+const LINES: usize = 12;
 /// The largest number of violations kept; a broken protocol makes many, and the first ones suffice for a
 /// diagnosis.
 const MAX_VIOLATIONS: usize = 100;
@@ -299,7 +301,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         for parcel in parcels(0) {
             let first = parcel.to.index() * W::Agent::PORTS;
             // Every other one, since two lie within a line of the cache.
-            for link in self.links[first..first + W::Agent::PORTS].iter().step_by(2) {
+            for link in self.links[first..first + W::Agent::PORTS].iter().step_by(2).take(LINES) {
                 read ^= link.last_arrival.0 as u32;
             }
             read ^= self.modules[parcel.to.index()].revision.0;

@@ -1,13 +1,19 @@
 //! Invariants of all runs of metamodules, besides those of all runs.
 
 use crate::world::invariants::Invariant;
+use metamorph_protocol::agent::Agent;
+use metamorph_protocol::ids::{ModuleId, Port};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::manipulation::load::{Limits, Peak};
+use metamorph_protocol::metamodule::Metamodule;
 
 /// A metamodule is attached to a connector of the floor by at least one end.
 pub const ATTACHED: Invariant = Invariant::new("attached");
 /// A cell is locked by one metamodule at a time.
 pub const ONE_HOLDER_PER_LOCK: Invariant = Invariant::new("one-holder-per-lock");
+
+/// Any two metamodules within communication range have a link. Two without one would not ask each other for locks.
+pub const LINK_FOR_EACH_IN_RANGE: Invariant = Invariant::new("link-for-each-in-range");
 
 /// An element is held by the latches of attached metamodules, each of which has it where it is, or it rests.
 pub const ELEMENT_HELD: Invariant = Invariant::new("element-held");
@@ -59,6 +65,19 @@ pub fn torque(peak: Option<Peak>, limits: Limits) -> Result<(), String> {
     }
 }
 
+/// Checks [`LINK_FOR_EACH_IN_RANGE`] for two metamodules that have come into range: the free port of each, if both have
+/// one, which it returns.
+pub fn link_for_each_in_range(
+    id: ModuleId,
+    peer: ModuleId,
+    free: Option<(Port, Port)>,
+) -> Result<(Port, Port), String> {
+    let ports = Metamodule::PORTS;
+    free.ok_or_else(|| {
+        format!("{id} and {peer} are in range, and all {ports} ports of one of them are in use")
+    })
+}
+
 /// Checks [`ATTACHED`] for one metamodule: for each end that grips, whether it lies on a connector.
 pub fn attached(grips: &[bool]) -> Result<(), String> {
     match (grips.is_empty(), grips.iter().all(|on| *on)) {
@@ -84,6 +103,13 @@ mod tests {
     fn attached_fires() {
         assert!(attached(&[true]).is_ok() && attached(&[true, true]).is_ok());
         assert!(attached(&[]).is_err() && attached(&[true, false]).is_err());
+    }
+
+    #[test]
+    fn link_for_each_in_range_fires() {
+        let (a, b) = (ModuleId(0), ModuleId(1));
+        assert_eq!(link_for_each_in_range(a, b, Some((Port(3), Port(4)))), Ok((Port(3), Port(4))));
+        assert!(link_for_each_in_range(a, b, None).is_err());
     }
 
     #[test]

@@ -11,6 +11,7 @@ mod drops;
 mod elements;
 mod safety;
 
+use crate::metamodule::invariants::{LINK_FOR_EACH_IN_RANGE, link_for_each_in_range};
 use crate::world::grid::{Grid, Occupant};
 use crate::world::invariants::{Invariant, Violation};
 use crate::world::{World, due};
@@ -36,6 +37,9 @@ use std::collections::{BTreeSet, BinaryHeap, VecDeque};
 use std::hash::{Hash, Hasher};
 use std::sync::Arc;
 
+/// Number of ports that every body has in the hash, in use or not. It has more while it needs them.
+const FEWEST_PORTS: usize = 24;
+
 /// An action under way.
 #[derive(Clone, Debug, Hash)]
 struct UnderWay {
@@ -54,6 +58,7 @@ struct Body {
     cells: [Cell; 4],
     incarnation: Incarnation,
     revision: Revision,
+    /// By port; grows with the highest port in use.
     contacts: Vec<Option<Contact>>,
     under_way: Option<UnderWay>,
     stuck: bool,
@@ -62,6 +67,14 @@ struct Body {
 impl Body {
     fn taken(&self) -> &[Cell] {
         self.under_way.as_ref().map_or(&self.cells, |u| &u.claimed)
+    }
+    /// Returns the first port without a contact, if there is one.
+    fn free_port(&mut self) -> Option<Port> {
+        let port = self.contacts.iter().position(Option::is_none).unwrap_or(self.contacts.len());
+        if port == self.contacts.len() && port < Metamodule::PORTS {
+            self.contacts.push(None);
+        }
+        (port < Metamodule::PORTS).then_some(Port(port as u8))
     }
 }
 
@@ -95,7 +108,7 @@ impl MetamoduleWorld {
             cells: setup.motions.cells(*pose),
             incarnation: Incarnation(0),
             revision: Revision(0),
-            contacts: vec![None; Metamodule::PORTS],
+            contacts: vec![None; FEWEST_PORTS],
             under_way: None,
             stuck: false,
         };
@@ -119,7 +132,7 @@ impl MetamoduleWorld {
             body.grips[body.pose.end as usize] = true;
             world.check(Time::ZERO, id);
             world.claim(id);
-            world.hear(id, false);
+            world.hear(Time::ZERO, id, false);
         }
         world
     }
@@ -214,26 +227,23 @@ impl MetamoduleWorld {
 
     /// Opens links to all metamodules that have come into communication range, and closes those to
     /// metamodules that have left it.
-    fn hear(&mut self, id: ModuleId, tell: bool) {
-        let foot = self.bodies[id.index()].pose.foot();
+    fn hear(&mut self, now: Time, id: ModuleId, tell: bool) {
+        let (pose, range) = (self.bodies[id.index()].pose, self.setup.params.communication_range);
         for peer in (0..self.bodies.len() as u32).map(ModuleId).filter(|p| *p != id) {
-            let other = self.bodies[peer.index()].pose.foot();
-            let near = foot.0.abs_diff(other.0).max(foot.1.abs_diff(other.1))
-                <= self.setup.params.communication_range;
+            let near = pose.is_within(range, self.bodies[peer.index()].pose);
             match (near, self.link(id, peer)) {
-                (true, None) => self.connect(id, peer, tell),
+                (true, None) => self.connect(now, id, peer, tell),
                 (false, Some(contact)) => self.disconnect(id, contact, tell),
                 _ => {}
             }
         }
     }
 
-    fn connect(&mut self, id: ModuleId, peer: ModuleId, tell: bool) {
-        let free = |of: &Body| of.contacts.iter().position(Option::is_none).map(|p| Port(p as u8));
-        // Without a free port one does not hear the other; only the interlock keeps them apart.
-        let (Some(mine), Some(theirs)) = (free(&self.bodies[id.index()]), free(&self.bodies[peer.index()]))
-        else {
-            return;
+    fn connect(&mut self, now: Time, id: ModuleId, peer: ModuleId, tell: bool) {
+        let (mine, theirs) = (self.bodies[id.index()].free_port(), self.bodies[peer.index()].free_port());
+        let (mine, theirs) = match link_for_each_in_range(id, peer, mine.zip(theirs)) {
+            Ok(ports) => ports,
+            Err(what) => return self.violate(LINK_FOR_EACH_IN_RANGE, now, what),
         };
         self.sessions += 1;
         let session = Session(self.sessions);
@@ -335,7 +345,7 @@ impl MetamoduleWorld {
         self.sensed.push_back((id, Sensed::Percept(Percept::Done(to))));
         self.check_end(now, id, &claimed);
         if body_action == BodyAction::Detach {
-            self.hear(id, true);
+            self.hear(now, id, true);
         }
     }
 }
@@ -361,7 +371,7 @@ impl World for MetamoduleWorld {
         self.pose(id)
     }
 
-    fn start(&mut self, _now: Time, id: ModuleId, incarnation: Incarnation) {
+    fn start(&mut self, now: Time, id: ModuleId, incarnation: Incarnation) {
         let before = std::mem::replace(&mut self.bodies[id.index()].incarnation, incarnation);
         let body = &self.bodies[id.index()];
         let contacts = body.contacts.clone();
@@ -373,7 +383,7 @@ impl World for MetamoduleWorld {
             }
         } else {
             contacts.into_iter().flatten().for_each(|c| self.disconnect(id, c, true));
-            self.hear(id, true);
+            self.hear(now, id, true);
         }
     }
 

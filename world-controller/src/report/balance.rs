@@ -12,15 +12,16 @@ use metamorph_protocol::counters::Class;
 use metamorph_sim_bridge::world::invariants::MESSAGES_BALANCE;
 use metamorph_sim_bridge::world::invariants::Violation;
 
-/// Returns the violation if the counts of a run do not add up. `ports` is the number of ports of an agent;
-/// `transparent` is true if the link holds no messages back.
-pub fn unbalanced(outcome: &SwarmOutcome, ports: usize, transparent: bool) -> Option<Violation> {
+/// Returns the violation if the counts of a run do not add up. `neighbours` is the largest number of
+/// neighbours of an agent at a time; `transparent` is true if the link holds no messages back.
+pub fn unbalanced(outcome: &SwarmOutcome, neighbours: usize, transparent: bool) -> Option<Violation> {
     // Without the counts of every incarnation, their sum says nothing.
     if !outcome.missing_counters.is_empty() {
         return None;
     }
     let what = Class::ALL.into_iter().find_map(|class| {
-        let most = (outcome.unclosed * in_hand(ports, transparent) + outcome.loose[class.index()]) as i64;
+        let most =
+            (outcome.unclosed * in_hand(neighbours, transparent) + outcome.loose[class.index()]) as i64;
         let missing = outcome.tally[class].in_flight() - outcome.left[class.index()] as i64;
         match missing {
             ..0 => Some(format!("{} {class} messages more arrived than were sent", -missing)),

@@ -23,6 +23,7 @@ use crate::swarm::{
 };
 use metamorph_module_agent::clock::Speed;
 use metamorph_module_agent::journal_file::{Head, Parts, Reader, RunId, controller_part};
+use metamorph_module_agent::most_neighbours;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::record::Outside;
@@ -264,7 +265,8 @@ fn conclude<R: Runnable>(
     said: Vec<String>,
 ) -> Report {
     let (mut violations, checked) = R::last_check(&mut world, outcome.end);
-    violations.extend(unbalanced(outcome, <R::World as World>::Agent::PORTS, plan.link.is_transparent()));
+    let neighbours = most_neighbours::<<R::World as World>::Agent>(world.len());
+    violations.extend(unbalanced(outcome, neighbours, plan.link.is_transparent()));
     let account = swarm.account(plan, &brain, &world);
     let mut notes = [said, notes(outcome)].concat();
     if let Some(keeping) = keeping {

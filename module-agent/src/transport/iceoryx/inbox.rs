@@ -20,7 +20,7 @@ pub struct Inbox {
 }
 
 impl Inbox {
-    /// Creates the inbox of one incarnation of an agent that has `ports` ports.
+    /// Creates the inbox of one incarnation of an agent that has up to `neighbours` neighbours at a time.
     ///
     /// # Errors
     /// If a channel cannot be created.
@@ -28,9 +28,12 @@ impl Inbox {
         at: &Rendezvous,
         id: ModuleId,
         incarnation: Incarnation,
-        ports: usize,
+        neighbours: usize,
     ) -> Result<Inbox, ChannelError> {
-        Inbox::over(vec![at.create_inbox(id, incarnation, ports)?], at.create_bell(id, incarnation, ports)?)
+        Inbox::over(
+            vec![at.create_inbox(id, incarnation, neighbours)?],
+            at.create_bell(id, incarnation, neighbours)?,
+        )
     }
 
     /// Creates the inbox of the controller of this generation: `shards` channels of `senders` agents each; with

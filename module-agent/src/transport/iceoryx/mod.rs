@@ -66,12 +66,16 @@ pub struct IceoryxTransport {
 }
 
 impl IceoryxTransport {
-    /// Creates the inbox of one agent that has `ports` ports.
+    /// Creates the inbox of one agent that has up to `neighbours` neighbours at a time.
     ///
     /// # Errors
     /// If a channel cannot be created.
-    pub fn agent(at: Rendezvous, agent: AgentKey, ports: usize) -> Result<IceoryxTransport, ChannelError> {
-        let inbox = Inbox::create(&at, agent.0, agent.1, ports)?;
+    pub fn agent(
+        at: Rendezvous,
+        agent: AgentKey,
+        neighbours: usize,
+    ) -> Result<IceoryxTransport, ChannelError> {
+        let inbox = Inbox::create(&at, agent.0, agent.1, neighbours)?;
         Ok(IceoryxTransport { inbox, owner: agent.0, egress: None, membership: at })
     }
 

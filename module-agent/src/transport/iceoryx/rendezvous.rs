@@ -160,7 +160,7 @@ impl Rendezvous {
         self.node.id().value()
     }
 
-    /// Creates the channel of frames to one agent that has `ports` ports.
+    /// Creates the channel of frames to one agent that has up to `neighbours` neighbours at a time.
     ///
     /// # Errors
     /// If memory is short, or the channel cannot be created.
@@ -168,9 +168,9 @@ impl Rendezvous {
         &self,
         id: ModuleId,
         incarnation: Incarnation,
-        ports: usize,
+        neighbours: usize,
     ) -> Result<Frames, ChannelError> {
-        self.create_frames(&inbox(id, incarnation), ports + INBOX_SPARE, INBOX_DEPTH)
+        self.create_frames(&inbox(id, incarnation), neighbours + INBOX_SPARE, INBOX_DEPTH)
     }
     /// Opens the channel of frames to one agent.
     ///
@@ -179,7 +179,7 @@ impl Rendezvous {
     pub fn open_inbox(&self, id: ModuleId, incarnation: Incarnation) -> Result<Frames, ChannelError> {
         self.open_frames(&inbox(id, incarnation))
     }
-    /// Creates the wake-up channel of one agent that has `ports` ports.
+    /// Creates the wake-up channel of one agent that has up to `neighbours` neighbours at a time.
     ///
     /// # Errors
     /// If the channel cannot be created.
@@ -187,9 +187,9 @@ impl Rendezvous {
         &self,
         id: ModuleId,
         incarnation: Incarnation,
-        ports: usize,
+        neighbours: usize,
     ) -> Result<Wakes, ChannelError> {
-        self.create_wakes(&bell(id, incarnation), ports + INBOX_SPARE)
+        self.create_wakes(&bell(id, incarnation), neighbours + INBOX_SPARE)
     }
     /// Opens the wake-up channel of one agent.
     ///

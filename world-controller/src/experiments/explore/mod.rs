@@ -1,8 +1,8 @@
 //! `metamorph explore`: runs generated scenarios on the simulated link; failures are shrunk and written as
 //! ordinary scenario files.
 //!
-//! `draw` creates a [`GeneratedScenario`] from a seed, `commands` those of operators in it, `pool` runs many, `verdict` judges each, `shrink`
-//! reduces failing ones, `summary` collects the results.
+//! `draw` creates a [`GeneratedScenario`] from a seed, `commands` those of operators in it, `pool` runs many,
+//! `verdict` judges each, `shrink` reduces failing ones, `summary` collects the results.
 //!
 //! *Invariant.* A seed determines a run, whatever runs beside it; results do not depend on the number of
 //! threads. Absent: the process link, where runs are not deterministic.

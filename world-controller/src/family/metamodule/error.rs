@@ -1,8 +1,11 @@
 //! All errors in the parts of a scenario that only metamodules have, with their fixes.
 
 use crate::scenario::error::ScenarioError;
+use metamorph_protocol::agent::Agent;
+use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::manipulation::element::ElementError;
+use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::metamodule::blueprint::BlueprintError;
 use metamorph_protocol::metamodule::elements::{ElementsError, MAX_ELEMENTS};
 use metamorph_protocol::metamodule::params::Floor;
@@ -15,8 +18,7 @@ use thiserror::Error;
 pub const MAX_METAMODULES: usize = 1_000;
 /// Connectors of a floor along each side at most.
 pub const MAX_FLOOR: u16 = 256;
-/// Communication range at most, in connectors. A larger one makes little difference: a metamodule has too few
-/// ports for all that may be within it.
+/// Communication range at most, in connectors.
 pub const MAX_COMMUNICATION_RANGE: u64 = 64;
 
 /// An error in a metamodule's section.
@@ -48,6 +50,14 @@ pub enum MetamoduleError {
         at: (i16, i16),
         /// The floor.
         floor: Floor,
+    },
+    /// A metamodule has more others around it than ports.
+    #[error("metamodule {metamodule} starts with {others} others within its communication range, and has {ports} ports", ports = Metamodule::PORTS)]
+    Crowded {
+        /// The first of them.
+        metamodule: ModuleId,
+        /// Number of metamodules within its communication range.
+        others: usize,
     },
     /// Two metamodules start at the same place.
     #[error("metamodules {first} and {second} both start at {at:?}")]
@@ -183,6 +193,9 @@ impl MetamoduleError {
             }
             MetamoduleError::StartOffFloor { floor: Floor { min, max }, .. } => {
                 format!("name a connector from {min:?} to {max:?}, or make `floor` larger")
+            }
+            MetamoduleError::Crowded { .. } => {
+                "set a smaller `communication_range` in [swarm], or let them start farther apart".into()
             }
             MetamoduleError::StartTwice { .. } => "give each a connector of its own".into(),
             MetamoduleError::NoRoom(_) => {

@@ -32,8 +32,10 @@ use crate::scenario::family::{
 };
 use crate::scenario::table::Section;
 use error::MetamoduleError;
+use metamorph_protocol::agent::Agent;
 use metamorph_protocol::defects::Defect;
 use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::metamodule::params::{Floor, Setup, Strategy};
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::metamodule::start::draw_start;
@@ -132,6 +134,20 @@ pub struct Metamodules {
     pub hands_over: bool,
 }
 
+impl Metamodules {
+    /// Checks that each metamodule has a port for each one within its communication range.
+    fn check_ports(&self) -> Result<(), MetamoduleError> {
+        let range = self.setup.params.communication_range;
+        for (metamodule, pose) in (0u32..).map(ModuleId).zip(&self.poses) {
+            let others = self.poses.iter().filter(|p| pose.is_within(range, **p)).count() - 1;
+            if others > Metamodule::PORTS {
+                return Err(MetamoduleError::Crowded { metamodule, others });
+            }
+        }
+        Ok(())
+    }
+}
+
 impl SwarmPlan for Metamodules {
     fn family(&self) -> &'static str {
         NAME
@@ -145,7 +161,9 @@ impl SwarmPlan for Metamodules {
     fn with_seed(&self, seed: u64) -> Result<Option<Swarm>, ScenarioError> {
         let Some(area) = self.drawn else { return Ok(None) };
         let start = draw_start(&self.setup, area, self.poses.len(), seed).map_err(MetamoduleError::from)?;
-        Ok(Some(Swarm::new(Metamodules { poses: start.poses, redrawn: start.redrawn, ..self.clone() })))
+        let drawn = Metamodules { poses: start.poses, redrawn: start.redrawn, ..self.clone() };
+        drawn.check_ports()?;
+        Ok(Some(Swarm::new(drawn)))
     }
     fn defect(&self) -> Option<Defect> {
         self.setup.params.defect
@@ -178,13 +196,11 @@ impl SwarmPlan for Metamodules {
     }
     fn contacts(&self) -> Option<Vec<(ModuleId, ModuleId)>> {
         let range = self.setup.params.communication_range;
-        let is_near = |a: &Pose, b: &Pose| {
-            let (a, b) = (a.foot(), b.foot());
-            a.0.abs_diff(b.0).max(a.1.abs_diff(b.1)) <= range
-        };
         let all = || (0u32..).map(ModuleId).zip(self.poses.iter());
         let pairs = all().flat_map(|a| all().filter(move |b| a.0 < b.0).map(move |b| (a, b)));
-        Some(pairs.filter(|((_, a), (_, b))| is_near(a, b)).map(|((a, _), (b, _))| (a, b)).collect())
+        Some(
+            pairs.filter(|((_, a), (_, b))| a.is_within(range, **b)).map(|((a, _), (b, _))| (a, b)).collect(),
+        )
     }
     fn describe(&self, plan: &Plan, out: &mut String) -> fmt::Result {
         describe::describe(out, plan, self)

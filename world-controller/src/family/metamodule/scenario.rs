@@ -271,7 +271,9 @@ impl RawMetamodules {
         let changes = (1..).zip(self.changes()).map(|(goal, at)| (Time::ZERO + at.value, goal)).collect();
         let hands_over = self.fallback.as_ref().is_none_or(|f| f.value);
         let relocate = self.relocate;
-        Some(Swarm::new(Metamodules { drawn, poses, redrawn, setup, changes, relocate, hands_over }))
+        let swarm = Metamodules { drawn, poses, redrawn, setup, changes, relocate, hands_over };
+        diagnostics.note(&self.start.place, swarm.check_ports())?;
+        Some(Swarm::new(swarm))
     }
 }
 
