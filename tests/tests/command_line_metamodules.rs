@@ -34,6 +34,7 @@ fn bad_scenarios_of_metamodules_are_refused_with_place_reason_and_fix() {
     let levels = |seeds: &str| with(goal, &format!("levels = [{seeds}]"));
     let seed = |x, y, way: &str| format!("{{ foot = [{x}, {y}], directions = [{way}] }}");
     let (l, folded) = ("\"up\", \"up\", \"east\"", "\"up\", \"down\", \"up\"");
+    let crowd: Vec<String> = (0..130).map(|i| format!("{{ at = [{}, {}] }}", i % 13, i / 13)).collect();
     let (bent, flat) = ("\"up\", \"up\", \"up\"", "\"east\", \"down\", \"east\"");
     let cases: &[(String, &[&str])] = &[
         // Keys of the other family.
@@ -123,6 +124,10 @@ fn bad_scenarios_of_metamodules_are_refused_with_place_reason_and_fix() {
                 "start = [{ at = [1, 1] }, { at = [3, 1] }, { at = [1, 3] }, { at = [3, 1], class = 2 }]",
             ),
             &["scenario.toml:9:61:", "metamodules 1 and 3 both start at (3, 1)"],
+        ),
+        (
+            with(start, &format!("start = [{}]", crowd.join(", "))),
+            &["scenario.toml:9:9:", "metamodule 0 starts with 129 others", "and has 128 ports"],
         ),
         (with(start, "start = [{ at = [1, 1], class = 4 }]"), &["quarter turns, is 4", "from 0 to 3"]),
         (with(start, "start = [{ at = [1, 1] }]\ncount = 4"), &["`count` is 4, but `start` lists 1"]),
