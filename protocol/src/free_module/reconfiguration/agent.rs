@@ -339,11 +339,14 @@ impl LatticeModule {
     }
 
     fn sense(&mut self, now: Time, percept: Percept) {
+        let is_acting = self.job.is_some_and(|job| job.stage == Stage::Acting);
         match percept {
             Percept::Done(place) => {
                 self.place = place;
-                self.finish(Ok(()));
+                // Otherwise an earlier incarnation has begun it, and a step ordered meanwhile is for the place before.
+                self.finish(if is_acting { Ok(()) } else { Err(Failure::Stale) });
             }
+            Percept::Failed if !is_acting => {}
             Percept::Failed => {
                 let is_turn = self.job.is_some_and(|job| matches!(job.body_action, BodyAction::Turn { .. }));
                 self.finish(Err(if is_turn { Failure::Joint } else { Failure::Connection }));

@@ -181,6 +181,23 @@ fn orders_are_taken_once_and_in_order() {
     assert!(acts(&stale).is_empty() && stale.iter().any(result), "{stale:?}");
 }
 
+/// What an earlier incarnation began ends after the restart: that is not the step that has been ordered since.
+#[test]
+fn the_end_of_an_earlier_action_is_not_that_of_a_new_step() {
+    for (percept, expected) in [
+        (Percept::Done(Place { posture: 1, ..Place::default() }), Some(Err(Failure::Stale))),
+        (Percept::Failed, None),
+    ] {
+        let mut agent = module(1);
+        agent.handle(Time(1), Input::Order(order(4, 0)));
+        agent.handle(Time(2), Input::Percept(percept));
+        let outputs = outputs(&mut agent);
+        let reports = outputs.iter().filter_map(|o| if let Output::Report(s) = o { Some(s) } else { None });
+        assert_eq!(reports.last().and_then(|s| s.last).map(|last| last.1), expected);
+        assert_eq!(acts(&outputs), []);
+    }
+}
+
 /// An agent that follows the plan before carries out its orders, which the test above does not permit.
 #[test]
 fn an_agent_that_follows_old_plans_is_found() {
