@@ -34,7 +34,7 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; c
                       frame-ancestors 'self'";
 
 /// The files of the page: name, type and content.
-const FILES: [(&str, &str, &str); 12] = [
+const FILES: [(&str, &str, &str); 13] = [
     ("", "text/html; charset=utf-8", include_str!("page/index.html")),
     ("studio.css", "text/css; charset=utf-8", include_str!("page/studio.css")),
     ("studio.js", JS, include_str!("page/studio.js")),
@@ -42,6 +42,7 @@ const FILES: [(&str, &str, &str); 12] = [
     ("cells.js", JS, include_str!("page/cells.js")),
     ("examples.js", JS, include_str!("page/examples.js")),
     ("space.js", JS, include_str!("page/space.js")),
+    ("faces.js", JS, include_str!("page/faces.js")),
     ("layer.js", JS, include_str!("page/layer.js")),
     ("tools.js", JS, include_str!("page/tools.js")),
     ("keys.js", JS, include_str!("page/keys.js")),

@@ -14,13 +14,45 @@ export const cell = (k) => [(k % SIDE) - HALF, (Math.floor(k / SIDE) % SIDE) - H
 export const inRange = ([x, y, z]) => Math.abs(x) <= LIMIT && Math.abs(y) <= LIMIT && z >= 0 && z <= LIMIT;
 /** @param {Cell} a @param {Cell} b @returns {Cell} */
 export const plus = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
-/** How far the numbers of the six cells that share a face with one are from its own. */
-const BESIDE = [1, -1, SIDE, -SIDE, SIDE * SIDE, -SIDE * SIDE];
+/** How far the numbers of the six cells that share a face with one are from its own: along x, against x, and so on. */
+export const BESIDE = [1, -1, SIDE, -SIDE, SIDE * SIDE, -SIDE * SIDE];
 /** The cells that others do not enclose on all sides. @param {Set<number>} cells @returns {Set<number>} */
 export function outside(cells) {
   const found = new Set();
   for (const k of cells) if (BESIDE.some((d) => !cells.has(k + d))) found.add(k);
   return found;
+}
+/**
+ * The first cell on a ray that is filled, and the direction out of the face through which the ray comes in.
+ * @param {number[]} from @param {number[]} along
+ * @param {Set<number>} cells @param {{ low: Cell, high: Cell }} box the corners of all cells
+ * @returns {{ at: Cell, face: Cell } | null} null if there is none
+ */
+export function firstOn(from, along, cells, { low, high }) {
+  const sign = along.map(Math.sign);
+  // Where the ray comes into the box around all cells, and through a side across which axis.
+  let [near, far, axis] = [0, Infinity, -1];
+  for (let i = 0; i < 3; i++) {
+    const [first, last] = sign[i] < 0 ? [high[i] + 0.5, low[i] - 0.5] : [low[i] - 0.5, high[i] + 0.5];
+    if (sign[i] === 0) {
+      if (from[i] < first || from[i] > last) return null;
+      continue;
+    }
+    const enters = (first - from[i]) / along[i];
+    if (enters > near) [near, axis] = [enters, i];
+    far = Math.min(far, (last - from[i]) / along[i]);
+  }
+  if (near > far) return null;
+  const at = /** @type {Cell} */ (from.map((v, i) => Math.min(Math.max(Math.round(v + near * along[i]), low[i]), high[i])));
+  // Where the ray leaves the cell along each axis.
+  const leaves = from.map((v, i) => (sign[i] === 0 ? Infinity : (at[i] + 0.5 * sign[i] - v) / along[i]));
+  while (axis < 0 || !cells.has(key(at))) {
+    axis = leaves.indexOf(Math.min(...leaves));
+    at[axis] += sign[axis];
+    if (at[axis] < low[axis] || at[axis] > high[axis]) return null;
+    leaves[axis] += 1 / Math.abs(along[axis]);
+  }
+  return { at, face: /** @type {Cell} */ ([0, 1, 2].map((i) => (i === axis ? -sign[i] : 0))) };
 }
 /** @param {Cell} a @param {Cell} b */
 export const same = (a, b) => a[0] === b[0] && a[1] === b[1] && a[2] === b[2];

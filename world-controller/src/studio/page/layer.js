@@ -4,6 +4,9 @@ import { bounds, key } from "./cells.js";
 
 /** @typedef {import("./cells.js").Cell} Cell */
 
+/** Names of the colours in the style sheet. */
+const COLOURS = ["grid", "below", "selected", "left", "cube", "along-x", "along-y", "along-z", "edge", "add", "remove", "cursor"];
+
 export class Layer {
   /** @param {HTMLCanvasElement} canvas @param {import("./structure.js").Structure} structure @param {import("./tools.js").Tools} tools */
   constructor(canvas, structure, tools) {
@@ -12,6 +15,8 @@ export class Layer {
     this.partner = new Map();
     this.left = new Set();
     this.asked = false;
+    /** True while nothing is drawn. */
+    this.held = false;
     new ResizeObserver(() => this.ask()).observe(canvas);
     for (const name of ["change", "look"]) structure.addEventListener(name, () => this.ask());
     const at = (event) => {
@@ -41,7 +46,8 @@ export class Layer {
 
   /** The cells that are shown, and the edge of one in pixels. */
   view() {
-    const b = bounds([...this.structure.list(), this.structure.cursor]);
+    const { low, high } = this.structure.bounds() ?? { low: this.structure.cursor, high: this.structure.cursor };
+    const b = bounds([low, high, this.structure.cursor]);
     const [x0, y0, x1, y1] = [b.low[0] - 2, b.low[1] - 2, b.high[0] + 2, b.high[1] + 2];
     const edge = Math.max(6, Math.min(34, this.canvas.clientWidth / (x1 - x0 + 1), this.canvas.clientHeight / (y1 - y0 + 1)));
     const [columns, rows] = [Math.floor(this.canvas.clientWidth / edge), Math.floor(this.canvas.clientHeight / edge)];
@@ -50,7 +56,7 @@ export class Layer {
 
   /** Asks for a frame. */
   ask() {
-    if (this.asked) return;
+    if (this.asked || this.held) return;
     this.asked = true;
     requestAnimationFrame(() => this.draw());
   }
@@ -61,9 +67,11 @@ export class Layer {
     if (!canvas.clientWidth) return;
     const ratio = Math.min(devicePixelRatio, 2);
     [canvas.width, canvas.height] = [canvas.clientWidth * ratio, canvas.clientHeight * ratio];
-    const pen = canvas.getContext("2d");
+    // So it is drawn by the processor, which is faster for one so small than a graphics card that is simulated.
+    const pen = canvas.getContext("2d", { willReadFrequently: true });
     const style = getComputedStyle(document.documentElement);
-    const of = (name) => style.getPropertyValue(`--${name}`).trim();
+    const colours = new Map(COLOURS.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+    const of = (name) => colours.get(name);
     pen.scale(ratio, ratio);
     const { x0, y1, edge, columns, rows } = this.view();
     const z = structure.cursor[2];

@@ -1,7 +1,5 @@
 // The panel beside the drawing: what the drawing becomes, why not, what to change, and its numbers.
 
-import { bounds, cell } from "./cells.js";
-
 /** Edge of a cell in mm, and mass of a module in kg, of Roombots. */
 const EDGE = 110, MASS = 1.4;
 
@@ -107,7 +105,7 @@ export class Panel {
   numbers() {
     const { structure, stock } = this.page;
     const n = structure.cells.size;
-    const b = bounds([...structure.cells].map(cell));
+    const b = structure.bounds();
     const size = b ? b.low.map((v, i) => ((b.high[i] - v + 1) * EDGE) / 10).join(" × ") : "0";
     const modules = this.answer?.pairs?.length ?? 0;
     const facts = [["cubes", n.toLocaleString("en")], ["modules", stock ? `${modules} of ${stock}` : modules.toLocaleString("en")], ["size", `${size} cm`], ["mass", `${(modules * MASS).toFixed(1)} kg`]];

@@ -35,21 +35,28 @@ export class Analyst {
     [this.server, this.structure, this.onAnswer] = [server, structure, onAnswer];
     this.session = random();
     this.revision = 0;
-    /** The revision that the server has, and its cells. */
+    /** The revision that the server has, and what has changed since: true if the cell is filled now. */
     this.base = null;
-    /** @type {Set<number>} */
-    this.known = new Set();
+    /** @type {Map<number, boolean>} */
+    this.since = new Map();
     this.answered = { revision: 0, all: true };
     this.busy = false;
-    structure.addEventListener("change", () => {
+    structure.addEventListener("change", (event) => {
+      const { add, remove } = /** @type {CustomEvent} */ (event).detail;
+      for (const k of remove) this.since.set(k, false);
+      for (const k of add) this.since.set(k, true);
       this.revision += 1;
       this.work();
     });
   }
 
+  /** True if an answer about the present drawing is shown. */
+  get isAnswered() {
+    return this.answered.revision === this.revision;
+  }
   /** True if the answer that is shown is complete and of the present drawing. */
   get settled() {
-    return !this.busy && this.answered.revision === this.revision && this.answered.all;
+    return !this.busy && this.isAnswered && this.answered.all;
   }
 
   async work() {
@@ -57,21 +64,23 @@ export class Analyst {
     this.busy = true;
     while (this.answered.revision !== this.revision || !this.answered.all) {
       const all = this.answered.revision === this.revision;
-      const [revision, cells] = [this.revision, new Set(this.structure.cells)];
-      const known = this.base === null ? new Set() : this.known;
-      const add = [...cells].filter((k) => !known.has(k)).map(cell);
-      const remove = [...known].filter((k) => !cells.has(k)).map(cell);
+      const { revision, since } = this;
+      this.since = new Map();
+      const changed = (filled) => [...since].filter(([, now]) => now === filled).map(([k]) => cell(k));
+      const [add, remove] = this.base === null ? [this.structure.list(), []] : [changed(true), changed(false)];
       const answer = await this.server.post("analyse", { session: this.session, revision, base: this.base, add, remove, all });
       if (answer.result === "gone") break;
       if (answer.result === "stale") {
         this.base = null;
         continue;
       }
-      [this.base, this.known] = [revision, cells];
+      this.base = revision;
       if (answer.result === "refused") this.base = null;
       if (revision === this.revision) {
         this.answered = { revision, all: all || answer.result !== "analysed" };
         this.onAnswer(answer, !this.answered.all);
+        // The picture comes before repairs, which take longer.
+        if (!this.answered.all) await new Promise((done) => requestAnimationFrame(() => setTimeout(done)));
       }
       // Too large a drawing is refused again until it has changed.
       if (answer.result === "refused" && revision === this.revision) break;

@@ -1,44 +1,12 @@
 // The drawing in space: cubes, modules, ghosts, cursor, mirrors, and what the pointer points at.
 
 import * as three from "./vendor/three.js";
-import { bounds, cell, key, outside, plus } from "./cells.js";
+import { BESIDE, firstOn, key, outside, plus } from "./cells.js";
+import { Faces } from "./faces.js";
 
 /** @typedef {import("./cells.js").Cell} Cell */
 /** @typedef {{ at: Cell, face: Cell, onCube: boolean, lift?: number }} Hit what the pointer points at: the cell to fill, and the
  *  direction from the cell (or the floor) behind it; of a stroke, also where the face is, seen from the middle of `at` */
-
-const VERTEX = `
-uniform mat4 projectionMatrix, modelViewMatrix;
-in vec3 position, normal, instanceColor;
-in mat4 instanceMatrix;
-out vec3 colour, place, extent;
-out float light;
-void main() {
-  extent = vec3(length(instanceMatrix[0]), length(instanceMatrix[1]), length(instanceMatrix[2]));
-  place = position * extent;
-  colour = instanceColor;
-  light = 0.88 + 0.16 * normal.z - 0.06 * normal.y - 0.16 * max(normal.x, 0.0) - 0.1 * max(-normal.z, 0.0);
-  gl_Position = projectionMatrix * modelViewMatrix * instanceMatrix * vec4(position, 1.0);
-}`;
-const FRAGMENT = `
-precision highp float;
-in vec3 colour, place, extent;
-in float light;
-uniform float opacity;
-uniform vec3 edge;
-out vec4 pixel;
-void main() {
-  vec3 far = 0.5 * extent - abs(place);
-  float low = min(far.x, min(far.y, far.z)), high = max(far.x, max(far.y, far.z));
-  float middle = far.x + far.y + far.z - low - high;
-  // Of a module, the seam between its two cells.
-  float longest = max(extent.x, max(extent.y, extent.z));
-  float along = extent.x == longest ? place.x : (extent.y == longest ? place.y : place.z);
-  if (longest > 1.5) middle = min(middle, abs(along) + 0.012);
-  float width = max(fwidth(middle), 0.001);
-  float line = 1.0 - smoothstep(0.02, 0.02 + 1.4 * width, middle);
-  pixel = vec4(mix(colour * light, edge, 0.75 * line), opacity);
-}`;
 
 /** True if pictures are drawn by the processor, where smooth outlines take several times as long. */
 function isSoftware() {
@@ -52,51 +20,14 @@ function isSoftware() {
 // Colours are those of the style sheet, as they are.
 three.ColorManagement.enabled = false;
 
+/** The axis along which two cells touch. @param {number} a @param {number} b */
+const axisOf = (a, b) => BESIDE.findIndex((by) => Math.abs(by) === Math.abs(b - a)) >> 1;
+
 /** Colours of the picture by the style sheet, so that light and dark are in one place. */
 function palette() {
   const style = getComputedStyle(document.documentElement);
   const of = (name) => new three.Color(style.getPropertyValue(name).trim());
   return Object.fromEntries(["sky", "cube", "edge", "grid", "axis", "left", "add", "remove", "selected", "mirror", "along-x", "along-y", "along-z", "cursor", "reason", "touch"].map((n) => [n, of(`--${n}`)]));
-}
-
-/** Boxes of one look: many in one call. */
-class Boxes {
-  constructor(scene, opacity = 1) {
-    this.material = new three.RawShaderMaterial({
-      vertexShader: VERTEX, fragmentShader: FRAGMENT, glslVersion: three.GLSL3,
-      uniforms: { opacity: { value: opacity }, edge: { value: new three.Color(0) } },
-      transparent: opacity < 1, depthWrite: opacity === 1,
-    });
-    [this.scene, this.room, this.mesh] = [scene, 0, null];
-    this.geometry = new three.BoxGeometry(1, 1, 1);
-  }
-
-  /** @param {number} count @param {(i: number, set: (centre: number[], size: number[], colour: any) => void) => void} each */
-  fill(count, each) {
-    if (count > this.room || !this.mesh) {
-      if (this.mesh) {
-        this.scene.remove(this.mesh);
-        this.mesh.dispose();
-      }
-      this.room = Math.max(64, 2 ** Math.ceil(Math.log2(Math.max(count, 1))));
-      this.mesh = new three.InstancedMesh(this.geometry, this.material, this.room);
-      this.mesh.instanceColor = new three.InstancedBufferAttribute(new Float32Array(3 * this.room), 3);
-      this.mesh.frustumCulled = false;
-      this.scene.add(this.mesh);
-    }
-    const matrix = new three.Matrix4();
-    const [places, colours] = [this.mesh.instanceMatrix.array, this.mesh.instanceColor.array];
-    for (let i = 0; i < count; i++) {
-      each(i, (centre, size, colour) => {
-        matrix.makeScale(size[0], size[1], size[2]).setPosition(centre[0], centre[1], centre[2]).toArray(places, 16 * i);
-        colour.toArray(colours, 3 * i);
-      });
-    }
-    this.mesh.count = count;
-    this.mesh.instanceMatrix.needsUpdate = true;
-    this.mesh.instanceColor.needsUpdate = true;
-    this.mesh.boundingSphere = null;
-  }
 }
 
 export class Space {
@@ -116,23 +47,27 @@ export class Space {
     this.controls.maxDistance = 2000;
     this.controls.addEventListener("change", () => this.ask());
     this.ray = new three.Raycaster();
-    [this.cubes, this.modules, this.ghosts] = [new Boxes(this.scene), new Boxes(this.scene), new Boxes(this.scene, 0.5)];
+    [this.cubes, this.modules, this.ghosts] = [new Faces(this.scene), new Faces(this.scene), new Faces(this.scene, 1.03, 0.5)];
     /** What the picture shows: `cubes`, `modules`, or `both` side by side. */
     this.mode = "modules";
     /** @type {[Cell, Cell][]} the modules, in the order of building; `shown` of them are drawn */
     this.pairs = [];
     this.shown = Infinity;
-    /** @type {Cell[]} */
-    this.left = [];
-    /** @type {{ add: Cell[], remove: Cell[], cells: Cell[], near: Cell[] }} */
-    this.marks = { add: [], remove: [], cells: [], near: [] };
+    /** The cells without a partner, and the partners of the others. */
+    this.left = new Set();
+    /** @type {Map<number, number>} */
+    this.partner = new Map();
+    /** @type {{ add: Cell[], remove: Cell[] }} what is drawn as ghosts */
+    this.marks = { add: [], remove: [] };
+    /** The cells of a reason, and those that they touch. */
+    this.marked = { cells: new Set(), near: new Set() };
     this.wires();
-    /** @type {Set<number> | null} the cells that are drawn, until the drawing changes, and in the order of their boxes */
+    /** @type {Set<number> | null} the cells that others do not enclose, until the drawing changes */
     this.open = null;
-    /** @type {Cell[]} */
-    this.order = [];
     this.frames = 0;
     this.asked = false;
+    /** True while no frame is drawn. */
+    this.held = false;
     this.theme();
     new ResizeObserver(() => this.resize()).observe(canvas);
     structure.addEventListener("change", () => {
@@ -154,7 +89,7 @@ export class Space {
 
   theme() {
     this.colours = palette();
-    for (const boxes of [this.cubes, this.modules, this.ghosts]) boxes.material.uniforms.edge.value = this.colours.edge;
+    for (const faces of [this.cubes, this.modules, this.ghosts]) faces.material.uniforms.edge.value = this.colours.edge;
     this.grid.material.color = this.colours.grid;
     this.axes.material.color = this.colours.axis;
     this.cursor.material.color = this.colours.cursor;
@@ -173,7 +108,7 @@ export class Space {
 
   /** The corners of what is drawn and of the floor around it. */
   extent() {
-    const b = bounds(this.structure.list()) ?? { low: [-1, -1, 0], high: [1, 1, 1] };
+    const b = this.structure.bounds() ?? { low: [-1, -1, 0], high: [1, 1, 1] };
     return { ...b, floor: { low: [Math.min(b.low[0] - 3, -4), Math.min(b.low[1] - 3, -4)], high: [Math.max(b.high[0] + 3, 4), Math.max(b.high[1] + 3, 4)] } };
   }
 
@@ -208,7 +143,11 @@ export class Space {
 
   /** Shows an answer of the server. @param {[Cell, Cell][]} pairs @param {Cell[]} left */
   show(pairs, left) {
-    [this.pairs, this.left] = [pairs, left];
+    [this.pairs, this.left, this.partner] = [pairs, new Set(left.map(key)), new Map()];
+    for (const pair of pairs) {
+      const [a, b] = pair.map(key);
+      this.partner.set(a, b).set(b, a);
+    }
     this.redraw();
   }
 
@@ -219,7 +158,7 @@ export class Space {
 
   /** Asks for a frame. */
   ask() {
-    if (this.asked) return;
+    if (this.asked || this.held) return;
     this.asked = true;
     requestAnimationFrame(() => this.frame());
   }
@@ -248,54 +187,45 @@ export class Space {
   }
 
   rebuild() {
-    const { cells, selected, cursor } = this.structure;
-    // What is enclosed by others on all sides is neither seen nor pointed at.
-    if (!this.open) {
-      this.open = outside(cells);
-      this.order = [...this.open].map(cell);
-    }
-    const { open } = this;
-    const left = new Set(this.left.map(key));
-    const [reason, near] = [new Set(this.marks.cells.map(key)), new Set(this.marks.near.map(key))];
-    const colourOf = (c, plain) => {
-      const k = key(c);
-      if (reason.has(k)) return this.colours.reason;
-      if (near.has(k)) return this.colours.touch;
-      if (selected.has(k)) return this.colours.selected;
-      return left.has(k) ? this.colours.left : plain;
-    };
-    this.cubes.fill(this.order.length, (i, set) => set(this.order[i], [0.98, 0.98, 0.98], colourOf(this.order[i], this.colours.cube)));
-    // A pair that has lost a cell since it was computed, and a cell without a pair, are drawn as cubes.
-    const isWhole = this.shown >= this.pairs.length;
-    const there = this.pairs.filter(([a, b]) => this.structure.has(a) && this.structure.has(b));
-    // While modules are put together one sees into the drawing.
-    const isSeen = isWhole ? ([a, b]) => open.has(key(a)) || open.has(key(b)) : () => true;
-    const pairs = (isWhole ? there : this.pairs.slice(0, this.shown).filter(([a, b]) => this.structure.has(a) && this.structure.has(b))).filter(isSeen);
-    const paired = new Set(there.flatMap(([a, b]) => [key(a), key(b)]));
-    const single = isWhole ? this.order.filter((c) => !paired.has(key(c))) : [];
-    const along = [this.colours["along-x"], this.colours["along-y"], this.colours["along-z"]];
-    this.modules.fill(pairs.length + single.length, (i, set) => {
-      if (i < pairs.length) {
-        const [a, b] = pairs[i];
-        const axis = a.findIndex((v, n) => v !== b[n]);
-        const size = [0.94, 0.94, 0.94];
-        size[axis] = 1.94;
-        set(a.map((v, n) => (v + b[n]) / 2), size, [a, b].map((c) => colourOf(c, null)).find(Boolean) ?? along[axis]);
-      } else {
-        const c = single[i - pairs.length];
-        set(c, [0.94, 0.94, 0.94], colourOf(c, this.colours.cube));
-      }
-    });
-    const ghosts = [...this.marks.add.map((c) => [c, this.colours.add]), ...this.marks.remove.map((c) => [c, this.colours.remove])];
-    this.ghosts.fill(ghosts.length, (i, set) => set(ghosts[i][0], [1.03, 1.03, 1.03], ghosts[i][1]));
-    this.cursor.position.set(...cursor);
+    const { cells } = this.structure;
+    this.open ??= outside(cells);
+    const plain = [...this.open].map((k) => ({ key: k, colour: this.colourOf(k) ?? this.colours.cube }));
+    if (this.mode !== "modules") this.cubes.fill(plain, cells);
+    if (this.mode !== "cubes") this.fillModules();
+    const ghosts = /** @type {[Cell[], any][]} */ ([[this.marks.add, this.colours.add], [this.marks.remove, this.colours.remove]]);
+    const drawn = ghosts.flatMap(([list, colour]) => list.map((c) => ({ key: key(c), colour })));
+    this.ghosts.fill(drawn, new Set(drawn.map((one) => one.key)));
+    this.cursor.position.set(...this.structure.cursor);
     this.drawFloor();
+  }
+
+  fillModules() {
+    const { cells } = this.structure;
+    const isWhole = this.shown >= this.pairs.length;
+    // While modules are put together one sees into the drawing.
+    const filled = isWhole ? cells : new Set(this.pairs.slice(0, this.shown).flatMap((pair) => pair.map(key)).filter((k) => cells.has(k)));
+    const seen = isWhole ? this.open : outside(filled);
+    const along = [this.colours["along-x"], this.colours["along-y"], this.colours["along-z"]];
+    const drawn = [...seen].map((k) => {
+      // A pair that has lost a cell since it was computed, and a cell without a pair, are drawn as cubes.
+      const partner = this.partner.get(k);
+      if (partner === undefined || !filled.has(partner)) return { key: k, colour: this.colourOf(k) ?? this.colours.cube };
+      return { key: k, partner, colour: this.colourOf(k) ?? this.colourOf(partner) ?? along[axisOf(k, partner)] };
+    });
+    this.modules.fill(drawn, filled);
+  }
+
+  /** The colour of a cell that is marked, chosen or left over. */
+  colourOf(k) {
+    if (this.marked.cells.has(k)) return this.colours.reason;
+    if (this.marked.near.has(k)) return this.colours.touch;
+    if (this.structure.selected.has(k)) return this.colours.selected;
+    return this.left.has(k) ? this.colours.left : null;
   }
 
   drawFloor() {
     const { floor, high } = this.extent();
     const [x0, y0, x1, y1] = [floor.low[0] - 0.5, floor.low[1] - 0.5, floor.high[0] + 0.5, floor.high[1] + 0.5];
-    this.floor = { x0, y0, x1, y1 };
     const points = [];
     for (let x = x0; x <= x1; x++) points.push(x, y0, -0.5, x, y1, -0.5);
     for (let y = y0; y <= y1; y++) points.push(x0, y, -0.5, x1, y, -0.5);
@@ -328,21 +258,22 @@ export class Space {
     const halves = this.mode === "both" ? 2 : 1;
     const part = frame.width / halves;
     const u = ((x - frame.left) % part) / part;
+    this.camera.updateMatrixWorld();
     this.ray.setFromCamera(new three.Vector2(2 * u - 1, 1 - (2 * (y - frame.top)) / frame.height), this.camera);
   }
 
   /** What is at a place of the page: a cube, or the floor; null beside it. @returns {Hit | null} */
   pick(x, y) {
-    if (this.stale) this.frame();
     this.aim(x, y);
-    const [hit] = this.ray.intersectObject(this.cubes.mesh, false);
-    if (hit && hit.instanceId !== undefined) {
-      const face = /** @type {Cell} */ (hit.face.normal.toArray().map(Math.round));
-      return { at: plus(this.order[hit.instanceId], face), face, onCube: true };
-    }
-    const floor = this.ray.ray.intersectPlane(new three.Plane(new three.Vector3(0, 0, 1), 0.5), new three.Vector3());
-    if (!floor || floor.x < this.floor.x0 || floor.x > this.floor.x1 || floor.y < this.floor.y0 || floor.y > this.floor.y1) return null;
-    return { at: [Math.round(floor.x), Math.round(floor.y), 0], face: [0, 0, 1], onCube: false };
+    const { origin, direction } = this.ray.ray;
+    const box = this.structure.bounds();
+    const hit = box && firstOn(origin.toArray(), direction.toArray(), this.structure.cells, box);
+    if (hit) return { at: plus(hit.at, hit.face), face: hit.face, onCube: true };
+    const at = this.ray.ray.intersectPlane(new three.Plane(new three.Vector3(0, 0, 1), 0.5), new three.Vector3());
+    const { floor } = this.extent();
+    const isOn = (v, i) => v >= floor.low[i] - 0.5 && v <= floor.high[i] + 0.5;
+    if (!at || !isOn(at.x, 0) || !isOn(at.y, 1)) return null;
+    return { at: [Math.round(at.x), Math.round(at.y), 0], face: [0, 0, 1], onCube: false };
   }
 
   /** The cell of the layer through `hit`, across its face, that is at a place of the page. @param {Hit} hit @returns {Cell | null} */
@@ -358,6 +289,7 @@ export class Space {
   /** Where a cell is on the page, for tests. @param {number[]} at */
   project(at) {
     const frame = this.canvas.getBoundingClientRect();
+    this.camera.updateMatrixWorld();
     const v = new three.Vector3(...at).project(this.camera);
     return { x: frame.left + ((v.x + 1) / 2) * frame.width, y: frame.top + ((1 - v.y) / 2) * frame.height };
   }

@@ -23,11 +23,18 @@ export class Structure extends EventTarget {
     /** Twice the coordinates of the mirrors. */
     this.middle = [0, 0];
     this.name = "drawing";
+    /** @type {ReturnType<typeof bounds> | undefined} the corners of all cells, until these change */
+    this.corners = undefined;
   }
 
   /** @returns {Cell[]} */
   list() {
     return [...this.cells].map(cell);
+  }
+  /** The corners of the drawing; null if it is empty. */
+  bounds() {
+    if (this.corners === undefined) this.corners = bounds(this.list());
+    return this.corners;
   }
   /** @param {Cell} c */
   has(c) {
@@ -56,6 +63,7 @@ export class Structure extends EventTarget {
       this.selected.delete(k);
     }
     for (const k of add) this.cells.add(k);
+    this.corners = undefined;
     this.dispatchEvent(new CustomEvent("change", { detail: { add, remove } }));
   }
 
@@ -96,7 +104,7 @@ export class Structure extends EventTarget {
   nextMirror(axis) {
     const kinds = /** @type {Mirror[]} */ (["off", "through", "between"]);
     const kind = kinds[(kinds.indexOf(this.mirror[axis]) + 1) % 3];
-    const b = bounds(this.cells.size ? this.list() : [this.cursor]);
+    const b = this.bounds() ?? bounds([this.cursor]);
     const sum = b.low[axis] + b.high[axis];
     // A mirror through cells has an even number, one between cells an odd one.
     const even = kind === "through";

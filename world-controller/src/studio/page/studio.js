@@ -1,6 +1,6 @@
 // The studio: puts the drawing, its pictures, the tools, the server's answers and the run together.
 
-import { buildOrder, settled } from "./cells.js";
+import { buildOrder, key, settled } from "./cells.js";
 import { EXAMPLES, picture } from "./examples.js";
 import { bindings, listen } from "./keys.js";
 import { Layer } from "./layer.js";
@@ -13,6 +13,8 @@ import { TOOLS, Tools } from "./tools.js";
 const $ = (id) => document.getElementById(id);
 /** Number of recent drawings, and of cells of the largest one that is kept. */
 const RECENT = 8, KEPT = 4000;
+/** How long a change waits to be drawn together with the answer about it, in ms. */
+const SOON = 150;
 
 class Studio {
   constructor() {
@@ -24,8 +26,13 @@ class Studio {
     this.panel = new Panel(this);
     this.stock = null;
     this.going = false;
+    /** The timer that ends a wait, and how many waits have begun since something was drawn. */
+    this.waiting = 0;
+    this.waits = 0;
     /** What a repair or reason that is pointed at would do. */
     this.marked = {};
+    /** The revision whose modules are shown. */
+    this.drawn = -1;
     this.analyst = new Analyst(this.server, this.structure, (answer, quick) => this.answered(answer, quick));
     this.structure.addEventListener("change", () => this.changed());
     this.structure.addEventListener("look", () => this.look());
@@ -71,33 +78,58 @@ class Studio {
 
   // The drawing and its pictures.
 
+  /** Draws nothing for a moment, since the answer may come soon. A frame is dear without a graphics card. */
+  hold() {
+    if (this.waits === 2) return;
+    this.waits += 1;
+    clearTimeout(this.waiting);
+    this.waiting = setTimeout(() => this.release(), SOON);
+    this.space.held = this.layer.held = true;
+  }
+  /** Draws again. */
+  release() {
+    if (!this.space.held) return;
+    clearTimeout(this.waiting);
+    this.waits = 0;
+    this.space.held = this.layer.held = false;
+    if (!this.analyst.isAnswered) {
+      this.panel.pending();
+      $("start").disabled = true;
+    }
+    this.look();
+  }
   changed() {
+    this.hold();
     this.note("");
     this.mark({});
-    this.panel.pending();
     this.panel.list = [];
-    $("start").disabled = true;
   }
   answered(answer, quick) {
+    this.release();
     if (answer.result === "refused") this.note(answer.why);
-    this.pairs = answer.pairs ?? [];
-    this.ordered = false;
-    this.space.shown = Infinity;
-    this.space.show(this.pairs, answer.unpaired ?? []);
-    this.layer.show(this.pairs, answer.unpaired ?? []);
+    if (quick) $("start").disabled = true;
+    // The modules of the whole answer are those of the quick one.
+    if (quick || this.ordered || answer.revision !== this.drawn) {
+      this.drawn = answer.revision;
+      this.pairs = answer.pairs ?? [];
+      this.ordered = false;
+      this.space.shown = Infinity;
+      this.space.show(this.pairs, answer.unpaired ?? []);
+      this.layer.show(this.pairs, answer.unpaired ?? []);
+    }
     this.panel.show(answer, quick);
   }
   look() {
     const { structure, tools, space } = this;
     const stroke = tools.effect();
+    space.marked = { cells: new Set((this.marked.cells ?? []).map(key)), near: new Set((this.marked.near ?? []).map(key)) };
     space.marks = {
       add: [...structure.images(stroke.add), ...(this.marked.add ?? []), ...(this.hover ?? [])],
       remove: [...structure.images(stroke.remove), ...(this.marked.remove ?? []), ...stroke.select],
-      cells: this.marked.cells ?? [],
-      near: this.marked.near ?? [],
     };
     space.redraw();
     this.layer.ask();
+    if (space.held) return;
     $("height").textContent = `layer ${structure.cursor[2]}`;
     $("hint").textContent = this.begun ? `from ${this.begun.from.join(", ")}; move the cursor and press ${this.begun.tool === "line" ? "L" : "B"}` : `cursor ${structure.cursor.join(", ")}`;
     const n = structure.selected.size;
@@ -200,6 +232,7 @@ class Studio {
       }
       const away = event.button === 2 || event.altKey;
       if ((away || this.tools.tool === "remove") && !hit.onCube) return;
+      this.hold();
       this.tools.begin(hit, away);
     }, { capture: true });
     canvas.addEventListener("pointermove", (event) => {
@@ -361,7 +394,7 @@ class Studio {
     else this.note(answer.why);
   }
   async start() {
-    if ($("start").disabled) return;
+    if ($("start").disabled || !this.analyst.settled) return;
     $("start").disabled = true;
     this.remember(this.structure.list(), this.structure.name);
     const answer = await this.server.post("start", this.request());
