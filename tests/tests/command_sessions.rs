@@ -11,7 +11,8 @@ use metamorph_sim_bridge::director::faults::{Fault, Target};
 use metamorph_sim_bridge::director::link_faults::LinkFault;
 use metamorph_sim_bridge::director::steering::Steering;
 use metamorph_sim_bridge::metamodule::faults::{
-    GOAL_MOVED, GOAL_SET, OBSTACLE, OBSTACLE_GONE, TUNABLE, TUNED,
+    GOAL_DROPPED, GOAL_MOVED, GOAL_ORDERED, GOAL_SET, GOAL_TURNED, OBSTACLE, OBSTACLE_GONE, ORDERS, TUNABLE,
+    TUNED,
 };
 use metamorph_world_controller::family::{begin, read_text};
 use metamorph_world_controller::scenario::commands::write;
@@ -34,7 +35,7 @@ fn command(rng: &mut Rng, modules: u64, metamodules: bool) -> Fault {
     let (place, by) = (cell(0, 14), cell(-2, 5));
     let lease = Span(1 + rng.below(60_000_000_000));
     // Every family has the first ones.
-    match rng.below(if metamodules { 20 } else { 13 }) {
+    match rng.below(if metamodules { 23 } else { 13 }) {
         0 => Fault::Kill(id),
         1 => Fault::Restart(id),
         2 => Fault::Pause(id),
@@ -59,6 +60,9 @@ fn command(rng: &mut Rng, modules: u64, metamodules: bool) -> Fault {
             let kind = if rng.below(2) == 0 { &OBSTACLE } else { &OBSTACLE_GONE };
             Fault::World(kind, Target::Cell(place))
         }
+        19 => Fault::World(&GOAL_TURNED, Target::Number(rng.below(4) as u16)),
+        20 => Fault::World(&GOAL_ORDERED, Target::Word(ORDERS[rng.below(3) as usize])),
+        21 => Fault::World(&GOAL_DROPPED, Target::Nothing),
         _ => Fault::World(&GOAL_MOVED, Target::Shift(by.x, by.y)),
     }
 }

@@ -173,7 +173,7 @@ fn a_resumed_run_has_had_its_commands() {
 fn drawn(rng: &mut Rng, modules: u64, is_metamodule: bool) -> Vec<String> {
     let (id, other, lease) = (rng.below(modules), rng.below(modules), 1 + rng.below(20));
     let place = format!("[{}, {}, 0]", rng.below(13), rng.below(13));
-    let one = match rng.below(if is_metamodule { 16 } else { 11 }) {
+    let one = match rng.below(if is_metamodule { 18 } else { 11 }) {
         0 => format!("kill {id}"),
         1 => format!("restart {id}"),
         2 => format!("stick {id}"),
@@ -190,6 +190,8 @@ fn drawn(rng: &mut Rng, modules: u64, is_metamodule: bool) -> Vec<String> {
         12 => format!("swap {id} {other}"),
         13 => format!("goal.move [{}, {}]", rng.below(3), rng.below(3)),
         14 => "goal.set 1".to_owned(),
+        15 => format!("goal.turn {}", rng.below(4)),
+        16 => format!("goal.order {}", ["circular", "crosswise", "at-once"][rng.below(3) as usize]),
         _ => format!("{} {place}", ["block", "unblock"][rng.below(2) as usize]),
     };
     vec![one]

@@ -9,7 +9,7 @@ use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::faults::{Fault, Target, WorldFault};
 use metamorph_sim_bridge::director::steering::Steering;
-use metamorph_sim_bridge::metamodule::faults::{GOAL_SET, TUNED};
+use metamorph_sim_bridge::metamodule::faults::{GOAL_DROPPED, GOAL_SET, GOAL_TURNED, TUNED};
 use metamorph_tests::command::{report, run, scenario};
 use metamorph_tests::metamodules::{Assembled, Assembly, Goal};
 use metamorph_world_controller::report::schema::Report;
@@ -91,6 +91,12 @@ fn rules_refuse_commands_and_are_named() {
     for (goal, strategy) in [(1, Strategy::Negotiated), (0, Strategy::Greedy)] {
         let why = refused(strategy, early, world(&GOAL_SET, Target::Number(goal)));
         assert!(why.starts_with("goal: "), "{why}");
+    }
+    for (kind, target, rule) in
+        [(&GOAL_TURNED, Target::Number(4), "turn: "), (&GOAL_DROPPED, Target::Nothing, "central-plan: ")]
+    {
+        let why = refused(Strategy::Planned, early, world(kind, target));
+        assert!(why.starts_with(rule), "{why}");
     }
     let dead = assembly(Strategy::Negotiated, 3)
         .spares(1)
@@ -218,6 +224,46 @@ fn another_goal_of_the_scenario_is_built() {
     let effects: Vec<&str> = report.faults.iter().map(|fault| fault.effect.as_str()).collect();
     assert_eq!(effects[..2], ["goal 0 was built before", "goal 1 was built before"]);
     assert!(effects[2].starts_with("refused: goal: the scenario has no goal 2"), "{effects:?}");
+}
+
+/// Runs the chair of the thesis with these commands, which are given at once.
+fn commanded_chair(directory: &Path, strategy: &str, commands: &str) -> Report {
+    let text = format!(
+        "version = 1\n[swarm]\nfamily = \"metamodule\"\nkind = \"SRS\"\nfloor = {{ min = [0, 0], max = [14, 14] }}\n\
+         turn_time = \"1s\"\n[[goal]]\nshape = {{ chair = [5, 5] }}\norder = \"circular\"\n\
+         [protocol]\nstrategy = \"{strategy}\"\n[[command]]\nat = \"5s\"\ndo = [{commands}]\n"
+    );
+    let file = directory.join("chair.toml");
+    fs::write(&file, text).unwrap();
+    let ran = run(&["run", file.to_str().unwrap(), "--link", "sim", "--json", "-", "--quiet"]);
+    report(&ran.out)
+}
+
+#[test]
+fn goals_turn_change_their_order_and_are_given_up() {
+    let directory = tempfile::tempdir().unwrap();
+    let chair = |strategy, commands| commanded_chair(directory.path(), strategy, commands);
+    for strategy in ["negotiated", "planned"] {
+        let turned = chair(strategy, r#""goal.turn 1", "goal.order at-once""#);
+        assert_eq!((turned.outcome.as_str(), turned.invariants.broken), ("built", 0), "{strategy}");
+        // A chair is four connectors long and three wide.
+        assert_eq!(turned.faults[0].effect, "the goal was shifted by (0, 0) before");
+        assert_eq!(turned.faults[1].effect, "the order was the scenario's before");
+        assert_ne!(turned.trace_hash, chair(strategy, r#""goal.turn 2", "goal.order at-once""#).trace_hash);
+        assert_ne!(turned.trace_hash, chair(strategy, r#""goal.turn 1", "goal.order crosswise""#).trace_hash);
+    }
+    let around = chair("negotiated", r#""goal.turn 1", "goal.turn 3""#);
+    assert_eq!(
+        (around.faults[1].effect.as_str(), around.outcome.as_str()),
+        ("the goal was shifted by (13, 0) before", "built")
+    );
+    let dropped = chair("negotiated", r#""goal.drop", "goal.turn 1""#);
+    assert_eq!((dropped.outcome.as_str(), dropped.invariants.broken), ("deadlock", 0));
+    assert!(dropped.faults[1].effect.starts_with("refused: goal: "), "{:?}", dropped.faults);
+    assert_eq!(dropped.unbuilt.as_ref().unwrap().reason, "goal-given-up");
+    assert_eq!((dropped.stages[0].filled, dropped.goal.cells), (0, 6));
+    let again = chair("negotiated", r#""goal.drop", "goal.set 0""#);
+    assert_eq!((again.outcome.as_str(), again.invariants.broken), ("built", 0));
 }
 
 #[test]

@@ -10,6 +10,7 @@ use metamorph_world_controller::run::replay::Request;
 use metamorph_world_controller::scenario::Plan;
 use metamorph_world_controller::view::figure::snapshot::{Body, Playback, Process};
 use metamorph_world_controller::view::scene::{Event, Scene};
+use metamorph_world_controller::view::visible::GoalView;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::fmt::Display;
@@ -79,7 +80,8 @@ impl Journal {
                 Event::Injected(id, fault, effect) => ("fault", *id, format!("{fault}: {effect}")),
                 Event::Obstacles(cells) => ("obstacles", None, format!("{cells:?}")),
                 Event::Elements(all) => ("elements", None, format!("{all:?}")),
-                Event::Goal(goal, _) => ("goal", None, goal.to_string()),
+                Event::Goal(goal) if goal.number == GoalView::NONE => ("goal", None, "none".to_owned()),
+                Event::Goal(goal) => ("goal", None, goal.number.to_string()),
             };
             Some((at.0, name, module.map(|id| id.0), text))
         };

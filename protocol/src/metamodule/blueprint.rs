@@ -20,6 +20,19 @@ pub struct Seed {
 }
 
 impl Seed {
+    /// Returns the seed after quarter turns from x to y, about the connector (0, 0).
+    fn turned(self, quarters: u8) -> Seed {
+        (0..quarters % 4).fold(self, |Seed { foot: (x, y), directions }, _| Seed {
+            foot: (y.saturating_neg(), x),
+            directions: directions.map(|face| match face {
+                Face::East => Face::North,
+                Face::North => Face::West,
+                Face::West => Face::South,
+                Face::South => Face::East,
+                Face::Up | Face::Down => face,
+            }),
+        })
+    }
     /// The four cells, from the foot on.
     pub fn cells(&self) -> [Cell; 4] {
         let mut cells = [Cell::new(self.foot.0, self.foot.1, 0); 4];
@@ -129,40 +142,82 @@ impl SeedSet {
     }
 }
 
-/// What a swarm builds at present: one of its goals, moved along the floor. Of two tasks, the one with the larger epoch
-/// is later.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
+/// What a swarm builds at present: one of its goals, turned and moved along the floor. Of two tasks, the one with the
+/// larger epoch is later.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
 pub struct Task {
     /// How often the task has changed.
     pub epoch: u16,
-    /// The number of the goal.
+    /// The number of the goal: at most 31.
     pub goal: u8,
-    /// How far the goal is moved along x and y.
+    /// How far the goal is moved along x and y, after it is turned.
     pub shift: (i16, i16),
+    /// How many quarters it is turned from x to y, about the connector (0, 0): at most 3.
+    pub quarters: u8,
+    /// The order in which its seeds open, if that is not the scenario's.
+    pub order: Option<SeedOrder>,
+    /// True if the goal is given up: nothing is built.
+    pub is_dropped: bool,
+}
+
+impl Hash for Task {
+    /// Hashes the last three only where they say something: other state hashes do not depend on whether goals can be
+    /// turned.
+    fn hash<H: Hasher>(&self, hasher: &mut H) {
+        (self.epoch, self.goal, self.shift).hash(hasher);
+        let changed = (self.quarters, self.order, self.is_dropped);
+        if changed != Default::default() {
+            changed.hash(hasher);
+        }
+    }
 }
 
 impl Task {
+    /// The goal's bits in its byte on the wire.
+    const GOAL: u8 = 0x1f;
+    /// The bit that says that the goal is given up. The order is in the two bits above it.
+    const DROPPED: u8 = 0x20;
+
+    /// Returns the task with its goal moved by this much more.
+    pub fn shifted(self, by: (i16, i16)) -> Task {
+        let (x, y) = self.shift;
+        Task { shift: (x.saturating_add(by.0), y.saturating_add(by.1)), ..self }
+    }
     /// A seed of the goal where this task wants it.
     pub fn moved(&self, seed: Seed) -> Seed {
+        let seed = seed.turned(self.quarters);
         let (x, y) = seed.foot;
         Seed { foot: (x.saturating_add(self.shift.0), y.saturating_add(self.shift.1)), ..seed }
     }
-    /// Writes seven bytes.
+    /// Writes seven bytes. Of a coordinate, the two highest bits are equal, so one of them can say more.
     pub fn encode(&self, out: &mut Encoder) {
         out.u16(self.epoch);
-        out.u8(self.goal);
-        out.u16(self.shift.0 as u16);
-        out.u16(self.shift.1 as u16);
+        let order = SeedOrder::ALL.iter().position(|order| Some(*order) == self.order).map_or(0, |i| i + 1);
+        let dropped = if self.is_dropped { Task::DROPPED } else { 0 };
+        out.u8(self.goal & Task::GOAL | dropped | (order as u8) << 6);
+        let bit = |bit: u8| u16::from(self.quarters >> bit & 1) << 15;
+        out.u16(self.shift.0 as u16 ^ bit(0));
+        out.u16(self.shift.1 as u16 ^ bit(1));
     }
     /// Reads seven bytes.
     pub fn decode(from: &mut Decoder<'_>) -> Result<Task, WireError> {
         let (epoch, goal) = (from.u16()?, from.u8()?);
-        let shift = (from.u16()? as i16, from.u16()? as i16);
+        let words = (from.u16()?, from.u16()?);
+        let bit = |word: u16| word >> 15 ^ word >> 14 & 1;
+        let coordinate = |word: u16| (word ^ bit(word) << 15) as i16;
+        let shift = (coordinate(words.0), coordinate(words.1));
         let far = |c: i16| c.unsigned_abs() > Cell::LIMIT.unsigned_abs();
         if far(shift.0) || far(shift.1) {
             return Err(WireError::Field("shift"));
         }
-        Ok(Task { epoch, goal, shift })
+        Ok(Task {
+            epoch,
+            goal: goal & Task::GOAL,
+            shift,
+            quarters: (bit(words.0) | bit(words.1) << 1) as u8,
+            order: usize::from(goal >> 6).checked_sub(1).map(|i| SeedOrder::ALL[i]),
+            is_dropped: goal & Task::DROPPED != 0,
+        })
     }
 }
 
@@ -173,6 +228,8 @@ pub struct Blueprint {
     /// How many seeds each level has.
     levels: Vec<u8>,
     steps: Vec<SeedSet>,
+    /// The same seeds in each of the orders; empty in these.
+    ordered: Vec<Blueprint>,
 }
 
 /// Why a blueprint cannot be built.
@@ -201,7 +258,8 @@ pub enum BlueprintError {
 
 impl Blueprint {
     /// A blueprint without seeds; stands for a goal that does not exist.
-    pub const NOTHING: Blueprint = Blueprint { seeds: Vec::new(), levels: Vec::new(), steps: Vec::new() };
+    pub const NOTHING: Blueprint =
+        Blueprint { seeds: Vec::new(), levels: Vec::new(), steps: Vec::new(), ordered: Vec::new() };
 
     /// A blueprint of these levels, from the ground up.
     pub fn new(levels: &[Vec<Seed>], order: SeedOrder) -> Result<Blueprint, BlueprintError> {
@@ -223,9 +281,18 @@ impl Blueprint {
                 }
             }
         }
+        let levels: Vec<u8> = levels.iter().map(|l| l.len() as u8).collect();
+        let with = |order, ordered| {
+            let (seeds, levels, steps) = (seeds.clone(), levels.clone(), Blueprint::steps(&levels, order));
+            Blueprint { seeds, levels, steps, ordered }
+        };
+        Ok(with(order, SeedOrder::ALL.map(|order| with(order, Vec::new())).into()))
+    }
+
+    /// Returns the steps in which seeds open, from the number of seeds of each level.
+    fn steps(levels: &[u8], order: SeedOrder) -> Vec<SeedSet> {
         let (mut steps, mut first) = (Vec::new(), 0u8);
-        for level in levels {
-            let n = level.len() as u8;
+        for n in levels.iter().copied() {
             let one = |i: u8| SeedSet::default().with(first + i);
             match order {
                 SeedOrder::Circular => steps.extend((0..n).map(one)),
@@ -239,7 +306,13 @@ impl Blueprint {
             first += n;
         }
         steps.retain(|s| !s.is_empty());
-        Ok(Blueprint { seeds, levels: levels.iter().map(|l| l.len() as u8).collect(), steps })
+        steps
+    }
+
+    /// Returns the blueprint with the same seeds in another order.
+    pub fn in_order(&self, order: SeedOrder) -> &Blueprint {
+        let i = SeedOrder::ALL.iter().position(|other| *other == order);
+        i.and_then(|i| self.ordered.get(i)).unwrap_or(self)
     }
 
     /// All seeds, level by level.
@@ -291,6 +364,8 @@ pub fn chair_of_six(x: i16, y: i16) -> Vec<Vec<Seed>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::metamodule::message::Order;
+    use crate::wire::{Wire, from_payload, payload};
 
     fn opened(order: SeedOrder) -> Vec<u128> {
         let blueprint = Blueprint::new(&chair_of_six(0, 0), order).unwrap();
@@ -355,6 +430,55 @@ mod tests {
         }
         assert_eq!((filled, filled.len(), filled.with(128)), (blueprint.all(), 128, filled));
         assert!(blueprint.open(filled).is_empty() && !filled.has(128));
+    }
+
+    #[test]
+    fn tasks_survive_the_wire_and_the_last_fields_are_hashed_only_if_they_say_something() {
+        let tasks = (0..4).flat_map(|quarters| {
+            let orders = SeedOrder::ALL.map(Some).into_iter().chain([None]);
+            orders.flat_map(move |order| {
+                [(-3, 4), (0, 0), (-Cell::LIMIT, Cell::LIMIT)].into_iter().flat_map(move |shift| {
+                    [true, false].map(|is_dropped| Task {
+                        epoch: 9,
+                        goal: 31,
+                        shift,
+                        quarters,
+                        order,
+                        is_dropped,
+                    })
+                })
+            })
+        });
+        let mut all = Vec::new();
+        for task in tasks {
+            let order = Order::Seeds { task, open: SeedSet(0), filled: SeedSet(0) };
+            let bytes = payload(&order);
+            assert_eq!((bytes.len(), from_payload(order.kind(), &bytes)), (15, Ok(order)));
+            all.push(hash_of(&task));
+        }
+        all.sort_unstable();
+        all.dedup();
+        assert_eq!(all.len(), 96);
+        let plain = Task { epoch: 2, goal: 1, shift: (-3, 4), ..Task::default() };
+        assert_eq!(hash_of(&plain), hash_of(&(2u16, 1u8, (-3i16, 4i16))));
+    }
+
+    fn hash_of(value: &impl Hash) -> u64 {
+        let mut hasher = siphasher::sip::SipHasher13::new();
+        value.hash(&mut hasher);
+        hasher.finish()
+    }
+
+    /// Four quarters are none, and the chair stays a chair.
+    #[test]
+    fn seeds_turn_with_the_goal() {
+        for seed in chair_of_six(3, 4).into_iter().flatten() {
+            let turned = |quarters| Task { quarters, ..Task::default() }.moved(seed);
+            let [x, y, z] = turned(0).cells().map(|c| [c.x, c.y, c.z])[3];
+            let end = Cell::new(-y, x, z);
+            assert_eq!(turned(1).cells()[3], end);
+            assert_eq!(turned(3).turned(1), seed);
+        }
     }
 
     /// Hashes of states are a contract: those of small sets are what they were when sets had 32 bits.

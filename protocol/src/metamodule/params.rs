@@ -257,15 +257,17 @@ impl Setup {
     /// What a swarm without a goal builds: nothing. Every setup from a scenario has a goal.
     pub const NO_GOAL: &'static Blueprint = &Blueprint::NOTHING;
 
-    /// Returns the goal of a task, without the task's shift.
+    /// Returns the goal of a task in its order, neither turned nor moved.
     pub fn goal(&self, task: Task) -> &Blueprint {
-        self.goals.get(usize::from(task.goal)).unwrap_or(Setup::NO_GOAL)
+        let goal = self.goals.get(usize::from(task.goal)).filter(|_| !task.is_dropped);
+        let goal = goal.unwrap_or(Setup::NO_GOAL);
+        task.order.map_or(goal, |order| goal.in_order(order))
     }
-    /// Returns a seed of a task, with the task's shift.
+    /// Returns a seed of a task, where the task has it.
     pub fn seed(&self, task: Task, seed: u8) -> Option<Seed> {
         self.goal(task).seeds().get(usize::from(seed)).map(|s| task.moved(*s))
     }
-    /// Iterates over all seeds of a task with their numbers, with the task's shift.
+    /// Iterates over all seeds of a task with their numbers, where the task has them.
     pub fn seeds(&self, task: Task) -> impl Iterator<Item = (u8, Seed)> + '_ {
         (0u8..).zip(self.goal(task).seeds()).map(move |(i, s)| (i, task.moved(*s)))
     }

@@ -36,6 +36,8 @@ pub enum Form {
     Number,
     /// One of these words.
     Word(&'static [&'static str]),
+    /// Nothing.
+    Nothing,
 }
 
 /// What a [`WorldFault`] hits.
@@ -51,6 +53,8 @@ pub enum Target {
     Number(u16),
     /// A word.
     Word(&'static str),
+    /// There is only one.
+    Nothing,
 }
 
 impl Target {
@@ -62,6 +66,7 @@ impl Target {
             Form::Element => text.parse().ok().map(Target::Element),
             Form::Number => text.parse().ok().map(Target::Number),
             Form::Word(words) => words.iter().find(|word| **word == text).map(|word| Target::Word(word)),
+            Form::Nothing => text.is_empty().then_some(Target::Nothing),
         }
     }
 }
@@ -74,6 +79,7 @@ impl fmt::Display for Target {
             Target::Element(element) => element.fmt(f),
             Target::Number(number) => number.fmt(f),
             Target::Word(word) => f.write_str(word),
+            Target::Nothing => Ok(()),
         }
     }
 }
@@ -152,6 +158,10 @@ impl Fault {
             let verbs = verbs.join(", ");
             format!("`{text}` is no fault; write one of {verbs}, and what it hits, such as `kill 7`")
         };
+        let is_alone = |kind: &&&'static WorldFault| kind.form == Form::Nothing && kind.name == text.trim();
+        if let Some(kind) = world.iter().find(is_alone) {
+            return Ok(Fault::World(kind, Target::Nothing));
+        }
         let (verb, target) = text.trim().split_once(' ').ok_or_else(form)?;
         if let Some(kind) = world.iter().find(|kind| kind.name == verb) {
             let how = || match kind.form {
@@ -161,6 +171,7 @@ impl Fault {
                 Form::Number => {
                     format!("`{text}` is no command; write `{verb}` and a number, such as `{verb} 1`")
                 }
+                Form::Nothing => format!("`{text}` is no command; write `{verb}` alone"),
                 Form::Cell | Form::Shift | Form::Element => form(),
             };
             return Ok(Fault::World(kind, Target::parse(kind.form, target).ok_or_else(how)?));
@@ -220,6 +231,7 @@ impl fmt::Display for Fault {
             Fault::Stick(id) => write!(f, "stick {id}"),
             Fault::Unstick(id) => write!(f, "unstick {id}"),
             Fault::Steer(id, steering) => write!(f, "{} {id}{steering}", steering.verb()),
+            Fault::World(kind, Target::Nothing) => f.write_str(kind.name),
             Fault::World(kind, target) => write!(f, "{} {target}", kind.name),
             Fault::Links(fault) => write!(f, "{} {fault}", fault.verb()),
             Fault::External(id) => write!(f, "external {id}"),

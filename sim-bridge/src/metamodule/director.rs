@@ -223,7 +223,7 @@ impl MetamoduleDirector {
         Progress {
             stage: u16::from(self.task.goal),
             stages: self.setup.goals.len() as u16,
-            goal: self.setup.goal(self.task).seeds().len(),
+            goal: self.stages.last().map_or(0, |stage| stage.cells),
             filled: self.filled.len(),
             alive: self.known.iter().filter(|k| k.alive).count(),
             moves: self.moves,
@@ -322,7 +322,7 @@ impl MetamoduleDirector {
     /// Moves the goal after a standstill: for `negotiated` to a place where a search builds it or may; for the
     /// others, whose local minima no search predicts, once to a clear place. Returns true if it has been moved.
     fn move_away(&mut self, now: Time, world: &MetamoduleWorld) -> bool {
-        if !self.relocate {
+        if !self.relocate || self.task.is_dropped {
             return false;
         }
         let to = if !self.setup.params.strategy.is_published() {
@@ -346,16 +346,16 @@ impl MetamoduleDirector {
 
     fn move_to(&mut self, now: Time, shift: Shift) {
         self.moved = true;
-        self.begin(now, self.task.goal, shift);
+        self.begin(now, Task { shift, ..self.task });
     }
 
-    /// Starts another task.
-    fn begin(&mut self, now: Time, goal: u8, shift: (i16, i16)) {
-        if goal != self.task.goal {
-            self.stages.push(opened(self.setup.goal(Task { goal, ..self.task }), now));
+    /// Starts another task; its epoch does not matter.
+    fn begin(&mut self, now: Time, task: Task) {
+        if task.goal != self.task.goal {
+            self.stages.push(opened(self.setup.goal(task), now));
             self.trials.forget();
         }
-        self.task = Task { epoch: self.task.epoch.saturating_add(1), goal, shift };
+        self.task = Task { epoch: self.task.epoch.saturating_add(1), ..task };
         self.filled = SeedSet::default();
         self.elsewhere = None;
         (self.last_fill, self.last_action) = (now, now);
@@ -397,7 +397,7 @@ impl MetamoduleDirector {
         let all = self.setup.goal(self.task).seeds().len();
         if let Some(stage) = self.stages.last_mut() {
             stage.filled = filled.len();
-            if filled.len() < all {
+            if filled.len() < all || self.task.is_dropped {
                 stage.built = None;
             } else {
                 stage.built.get_or_insert(now);
@@ -435,7 +435,7 @@ impl MetamoduleDirector {
         if world.elements() > 0 {
             self.tell_obstacles(world);
         }
-        let is_filled = self.filled.holds(self.setup.goal(self.task).all());
+        let is_filled = !self.task.is_dropped && self.filled.holds(self.setup.goal(self.task).all());
         if self.changes.is_empty() && is_filled && self.are_elements_placed(world) {
             return self.finish(now, Outcome::Built);
         }
@@ -551,7 +551,7 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
         }
         while let Some((_, goal)) = self.changes.front().copied().filter(|(at, _)| *at <= now) {
             self.changes.pop_front();
-            self.begin(now, goal, (0, 0));
+            self.begin(now, Task { goal, ..Task::default() });
         }
         self.tell_deaths(now, world);
         self.watch(now, world);

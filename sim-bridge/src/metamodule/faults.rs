@@ -1,6 +1,7 @@
 //! Faults of the world of metamodules, and commands that change their goal or how they decide.
 
 use crate::director::faults::{Form, WorldFault};
+use metamorph_protocol::metamodule::blueprint::SeedOrder;
 
 /// A foreign object comes into a cell.
 pub const OBSTACLE: WorldFault =
@@ -25,6 +26,27 @@ pub const GOAL_SET: WorldFault = WorldFault {
     form: Form::Number,
     about: "another goal of the scenario, counted from 0, is built",
 };
+/// The goal turns where it stands, by this many quarters from x to y.
+pub const GOAL_TURNED: WorldFault = WorldFault {
+    name: "goal.turn",
+    harms: false,
+    form: Form::Number,
+    about: "the goal turns where it stands, by that many quarters from x to y",
+};
+/// The seeds of the goal open in another order.
+pub const GOAL_ORDERED: WorldFault = WorldFault {
+    name: "goal.order",
+    harms: false,
+    form: Form::Word(&ORDERS),
+    about: "the seeds of the goal open in another order",
+};
+/// The goal is given up, and nothing is built until another one begins.
+pub const GOAL_DROPPED: WorldFault = WorldFault {
+    name: "goal.drop",
+    harms: false,
+    form: Form::Nothing,
+    about: "the goal is given up: nothing is built until another goal is set",
+};
 /// A parameter of the published strategies is another one from now on.
 pub const TUNED: WorldFault = WorldFault {
     name: "tune",
@@ -33,7 +55,11 @@ pub const TUNED: WorldFault = WorldFault {
     about: "a parameter of the strategy changes",
 };
 /// What operators can command besides faults.
-pub const COMMANDS: [&WorldFault; 3] = [&GOAL_MOVED, &GOAL_SET, &TUNED];
+pub const COMMANDS: [&WorldFault; 6] =
+    [&GOAL_MOVED, &GOAL_SET, &TUNED, &GOAL_TURNED, &GOAL_ORDERED, &GOAL_DROPPED];
+
+/// The orders in which seeds can open, as a scenario writes them.
+pub const ORDERS: [&str; 3] = [SeedOrder::ALL[0].name(), SeedOrder::ALL[1].name(), SeedOrder::ALL[2].name()];
 
 /// The parameters with their values, as a scenario writes them. A strategy brings its own repulsion and precedence.
 pub const TUNABLE: [&str; 11] = [

@@ -2,6 +2,12 @@
 
 use crate::director::reason::{Excuse, Proves, Reason, Why};
 
+/// An operator has given up the goal, and no other one was to come.
+pub const GOAL_GIVEN_UP: Reason = Reason::new(
+    "goal-given-up",
+    Excuse::Always,
+    "goal given up: an operator has dropped the goal, and set no other one",
+);
 /// An immovable body or obstacle is in a cell of an unfilled seed.
 pub const SEED_BLOCKED: Reason = Reason::new(
     "seed-blocked",

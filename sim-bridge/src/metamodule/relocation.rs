@@ -160,7 +160,7 @@ pub fn clear_places(setup: &Setup, task: Task, stays: &BTreeSet<Cell>) -> Vec<Sh
 
 /// Returns all shifts that keep the feet of a goal on the floor.
 fn shifts(setup: &Setup, task: Task, floor: Floor) -> Vec<Shift> {
-    let feet = || setup.goal(task).seeds().iter().map(|s| s.foot);
+    let feet = || setup.seeds(Task { shift: (0, 0), ..task }).map(|(_, seed)| seed.foot);
     let along = |least: Option<i16>, most: Option<i16>, min: i16, max: i16| {
         min - least.unwrap_or(min)..=max - most.unwrap_or(max)
     };

@@ -83,13 +83,14 @@ pub fn of(plan: &Plan, family: &dyn ScenarioFamily) -> Vec<CommandForm> {
 }
 
 fn of_world(kind: &'static WorldFault) -> CommandForm {
-    let parameter = match kind.form {
-        Form::Cell => Cell,
-        Form::Shift => Shift,
-        Form::Element | Form::Number => Number,
-        Form::Word(words) => Words(words),
+    let parameters = match kind.form {
+        Form::Cell => vec![Cell],
+        Form::Shift => vec![Shift],
+        Form::Element | Form::Number => vec![Number],
+        Form::Word(words) => vec![Words(words)],
+        Form::Nothing => Vec::new(),
     };
-    CommandForm { verb: kind.name, of_module: false, parameters: vec![parameter], about: kind.about }
+    CommandForm { verb: kind.name, of_module: false, parameters, about: kind.about }
 }
 
 #[cfg(test)]
@@ -142,9 +143,10 @@ mod tests {
             )
         };
         let steered = [&own[..], &["hold", "goto", "take", "swap", "release"]].concat();
-        let world = ["block", "unblock", "goal.move"];
-        assert_eq!(verbs(&metamodules("negotiated")), [&steered[..], &world, &links].concat());
-        assert_eq!(verbs(&metamodules("slope")), [&steered[..], &world, &["tune"], &links].concat());
-        assert_eq!(verbs(&metamodules("planned")), [&own[..], &world, &links].concat());
+        let world = ["block", "unblock", "goal.move", "goal.set"];
+        let last = ["goal.turn", "goal.order", "goal.drop"];
+        assert_eq!(verbs(&metamodules("negotiated")), [&steered[..], &world, &last, &links].concat());
+        assert_eq!(verbs(&metamodules("slope")), [&steered[..], &world, &["tune"], &last, &links].concat());
+        assert_eq!(verbs(&metamodules("planned")), [&own[..], &world[..3], &last[..2], &links].concat());
     }
 }

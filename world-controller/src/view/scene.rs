@@ -7,7 +7,7 @@ use super::beginning::{Beginning, Heading, micros};
 use super::bodies::ShownSwarm;
 use super::elements::{ElementView, Elements};
 use super::parts::Motion;
-use super::visible::{ActionOutcome, FILLS, ModuleView, Targets};
+use super::visible::{ActionOutcome, FILLS, GoalView, ModuleView, Targets};
 use crate::report::message_timeline::{Bin, Flow};
 use crate::report::schema::Report;
 use crate::scenario::LinkChange;
@@ -54,8 +54,8 @@ pub enum Event {
     Obstacles(Vec<Cell>),
     /// The passive elements, from now on.
     Elements(Vec<ElementView>),
-    /// The goal that is built from now on, and its shift.
-    Goal(u16, (i16, i16)),
+    /// The goal that is built from now on.
+    Goal(GoalView),
 }
 
 fn told(at: u64, event: &Event) -> Value {
@@ -75,7 +75,7 @@ fn told(at: u64, event: &Event) -> Value {
             let element = |e: &ElementView| json!([e.hold, e.cells]);
             json!(["e", at, all.iter().map(element).collect::<Vec<Value>>()])
         }
-        Event::Goal(goal, shift) => json!(["g", at, goal, shift]),
+        Event::Goal(goal) => json!(["g", at, goal.number, goal.shift, goal.quarters]),
     }
 }
 
@@ -93,7 +93,7 @@ pub struct Scene {
     obstacles: BTreeSet<Cell>,
     /// The passive elements.
     elements: Elements,
-    goal: Option<(u16, (i16, i16))>,
+    goal: Option<GoalView>,
     /// The current cell of the first part of each body.
     cells: Vec<Option<Cell>>,
     /// The number of actions in progress of each body that has any.
@@ -195,7 +195,7 @@ impl Scene {
     }
     /// Counts the targets of the goal that are filled.
     fn count(&mut self) {
-        let number = self.goal.map_or(0, |(goal, _)| goal);
+        let number = self.goal.map_or(0, |goal| goal.number);
         let Some(goal) = self.beginning.goals.get(usize::from(number)) else { return };
         let standings = self.standings.iter().flatten().filter(|s| s.role == FILLS);
         let (filled, all) = match self.beginning.targets {
@@ -319,9 +319,9 @@ impl Scene {
         self.note(at, Event::Obstacles(cells.into_iter().collect()));
     }
     /// Notes that another goal is built from now on.
-    pub fn goal(&mut self, now: Time, goal: u16, shift: (i16, i16)) {
-        if self.goal.replace((goal, shift)) != Some((goal, shift)) {
-            self.note(now, Event::Goal(goal, shift));
+    pub fn goal(&mut self, now: Time, goal: GoalView) {
+        if self.goal.replace(goal) != Some(goal) {
+            self.note(now, Event::Goal(goal));
         }
     }
     /// Returns the messages and the progress over time.

@@ -133,8 +133,8 @@ impl<A: Visible> SceneBuilder<A> {
             E::External { id, what: Outside::Stopped { .. } } => scene.note(at, Event::Paused(*id)),
             E::External { id, what: Outside::Continued } => scene.note(at, Event::Resumed(*id)),
             E::Command(Command::Order(_, order)) => {
-                if let Some((goal, shift)) = A::goal(&order.read()?) {
-                    scene.goal(at, goal, shift);
+                if let Some(goal) = A::goal(&order.read()?) {
+                    scene.goal(at, goal);
                 }
             }
             E::Injected { fault, module, cell, by, effect } => {

@@ -123,6 +123,28 @@ pub struct Stage {
     pub floor: Option<Floor>,
 }
 
+/// The goal that is built, and where.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GoalView {
+    /// Its number; [`GoalView::NONE`] if none is built.
+    pub number: u16,
+    /// How many quarters it is turned from x to y, about the cell (0, 0).
+    pub quarters: u8,
+    /// How far it is moved after that, along x and y.
+    pub shift: (i16, i16),
+}
+
+impl GoalView {
+    /// The number that no goal has.
+    pub const NONE: u16 = u16::MAX;
+
+    /// Returns where a cell of the goal is.
+    pub fn place(&self, (x, y, z): (i16, i16, i16)) -> Cell {
+        let (x, y) = (0..self.quarters).fold((x, y), |(x, y), _| (-y, x));
+        Cell::new(x + self.shift.0, y + self.shift.1, z)
+    }
+}
+
 /// Agents that can be shown.
 pub trait Visible: Agent {
     /// The words of the family.
@@ -162,8 +184,8 @@ pub trait Visible: Agent {
     ///
     /// [`FAR`]: crate::report::message_timeline::FAR
     fn moves(gradient: Option<u32>) -> u16;
-    /// Returns the goal that an order opens, and its shift; `None` for other orders.
-    fn goal(order: &Self::Order) -> Option<(u16, (i16, i16))>;
+    /// Returns the goal that an order opens; `None` for other orders.
+    fn goal(order: &Self::Order) -> Option<GoalView>;
 
     /// Returns the cells of all passive elements at the start.
     fn elements(_: &Self::Setup) -> Vec<Vec<Cell>> {

@@ -11,7 +11,7 @@ use metamorph_world_controller::report::message_timeline::{FAR, MessageLabel};
 use metamorph_world_controller::run::replay::Worded;
 use metamorph_world_controller::view::parts::{Motion, Part, Shape, Tone};
 use metamorph_world_controller::view::visible::{
-    ActionOutcome, Colour, ModuleView, Role, Stage, Targets, Visible, Words,
+    ActionOutcome, Colour, GoalView, ModuleView, Role, Stage, Targets, Visible, Words,
 };
 
 const MODULE: Role = Role { name: "module", colour: Colour::Idle, legend: "module", about: "a module" };
@@ -63,7 +63,7 @@ impl Visible for PyAgent {
     fn moves(_: Option<u32>) -> u16 {
         FAR
     }
-    fn goal(order: &Never) -> Option<(u16, (i16, i16))> {
+    fn goal(order: &Never) -> Option<GoalView> {
         match *order {}
     }
 }

@@ -31,7 +31,7 @@ fn a_pose() -> Pose {
 }
 
 fn a_task() -> Task {
-    Task { epoch: 2, goal: 1, shift: (-3, 4) }
+    Task { epoch: 2, goal: 1, shift: (-3, 4), ..Task::default() }
 }
 
 fn a_state() -> State {

@@ -5,8 +5,8 @@ use crate::director::outcome::{Proof, Stall, Waiter};
 use crate::director::reason::Why;
 use crate::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_WAY};
 use crate::metamodule::reasons::{
-    BARRED, ELEMENT_BLOCKED, ELEMENT_OFF_COLOUR, ELEMENT_PINNED, HAS_NO_BETTER_PLACE, KEPT_FROM_ELEMENT,
-    MISPLACED, NO_BETTER_PLACE, NO_LOCK, SEED_BLOCKED,
+    BARRED, ELEMENT_BLOCKED, ELEMENT_OFF_COLOUR, ELEMENT_PINNED, GOAL_GIVEN_UP, HAS_NO_BETTER_PLACE,
+    KEPT_FROM_ELEMENT, MISPLACED, NO_BETTER_PLACE, NO_LOCK, SEED_BLOCKED,
 };
 use crate::metamodule::relocation::Elsewhere;
 use crate::metamodule::world::MetamoduleWorld;
@@ -38,11 +38,14 @@ impl MetamoduleDirector {
         let stuck = all.filter(|id| world.is_stuck(*id)).flat_map(|id| world.cells(id)).copied();
         let stays: BTreeSet<Cell> = self.foreign(world).into_iter().chain(stuck).collect();
         let negotiated = !self.setup.params.strategy.is_published();
-        let sought = if negotiated { search(&self.snapshot(world), WORK) } else { SearchResult::Undecided };
+        let is_sought = negotiated && !self.task.is_dropped;
+        let sought = if is_sought { search(&self.snapshot(world), WORK) } else { SearchResult::Undecided };
         let proof = self.proof(&sought);
         // By precedence a metamodule also waits for one that is refused nothing and has no place to go to.
         let ordered = self.setup.params.precedence.is_some();
-        let here = if !self.pinned(world).is_empty() {
+        let here = if self.task.is_dropped {
+            GOAL_GIVEN_UP
+        } else if !self.pinned(world).is_empty() {
             ELEMENT_PINNED
         } else if self.is_off_colour(world) {
             ELEMENT_OFF_COLOUR

@@ -3,12 +3,13 @@
 use super::MetamoduleDirector;
 use crate::director::faults::{Fault, Target};
 use crate::director::steering::Steering as Wish;
-use crate::metamodule::faults::{DROP, GOAL_MOVED, GOAL_SET, OBSTACLE, OBSTACLE_GONE, TUNED};
-use crate::metamodule::relocation::Shift;
+use crate::metamodule::faults::{
+    DROP, GOAL_DROPPED, GOAL_MOVED, GOAL_ORDERED, GOAL_SET, GOAL_TURNED, OBSTACLE, OBSTACLE_GONE, TUNED,
+};
 use crate::metamodule::world::MetamoduleWorld;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::blueprint::Task;
+use metamorph_protocol::metamodule::blueprint::{SeedOrder, Task};
 use metamorph_protocol::metamodule::message::Order;
 use metamorph_protocol::metamodule::params::{Precedence, PrecedenceBy, Repulsion, Strategy};
 use metamorph_protocol::metamodule::steering::Steering;
@@ -16,6 +17,9 @@ use metamorph_protocol::metamodule::tuning::Tuning;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
 use std::sync::Arc;
+
+/// Why a goal that is given up has neither seeds nor a place, and what to do instead.
+const GIVEN_UP: &str = "the goal is given up; `goal.set` begins one";
 
 /// What a metamodule is commanded, and until when.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,11 +60,8 @@ impl MetamoduleDirector {
     }
 
     fn strike_cell(&mut self, now: Time, fault: Fault, world: &mut MetamoduleWorld) {
-        if let Fault::World(&GOAL_MOVED, Target::Shift(x, y)) = fault {
-            return self.move_goal(now, fault, (x, y));
-        }
-        if let Fault::World(&GOAL_SET, Target::Number(goal)) = fault {
-            return self.set_goal(now, fault, goal);
+        if let Some(task) = self.commanded_task(&fault) {
+            return self.change_task(now, fault, task);
         }
         if let Fault::World(&TUNED, Target::Word(word)) = fault {
             return self.tune(now, fault, word);
@@ -122,26 +123,54 @@ impl MetamoduleDirector {
         self.leases.get(&id).copied().filter(|c| c.steering != Steering::Release && now < c.until)
     }
 
-    /// Records a command about the goal and returns true if no rule refuses it; `before` says what it replaces.
-    fn is_taken(&mut self, now: Time, fault: Fault, before: String) -> bool {
+    /// Returns the task after a command about the goal; `None` for anything else.
+    fn commanded_task(&self, fault: &Fault) -> Option<Task> {
+        let task = self.task;
+        Some(match *fault {
+            Fault::World(&GOAL_MOVED, Target::Shift(x, y)) => task.shifted((x, y)),
+            Fault::World(&GOAL_TURNED, Target::Number(quarters)) => self.turned((quarters % 4) as u8),
+            Fault::World(&GOAL_ORDERED, Target::Word(word)) => {
+                Task { order: SeedOrder::ALL.into_iter().find(|order| order.name() == word), ..task }
+            }
+            Fault::World(&GOAL_DROPPED, _) => Task { is_dropped: true, ..task },
+            // A number that no goal has is refused.
+            Fault::World(&GOAL_SET, Target::Number(goal)) => {
+                Task { goal: u8::try_from(goal).unwrap_or(u8::MAX), ..Task::default() }
+            }
+            _ => return None,
+        })
+    }
+
+    /// Returns the task with the goal turned where it stands: the corner of its cells with the least coordinates stays.
+    fn turned(&self, quarters: u8) -> Task {
+        let corner = |task: Task| {
+            let cells = || self.setup.seeds(task).flat_map(|(_, seed)| seed.cells());
+            let least = |along: fn(Cell) -> i16| cells().map(along).min().unwrap_or(0);
+            (least(|cell| cell.x), least(|cell| cell.y))
+        };
+        let turned = Task { quarters: (self.task.quarters + quarters) % 4, ..self.task };
+        let (before, after) = (corner(self.task), corner(turned));
+        turned.shifted((before.0.saturating_sub(after.0), before.1.saturating_sub(after.1)))
+    }
+
+    fn change_task(&mut self, now: Time, fault: Fault, task: Task) {
         let rule = self.rule(now, &fault);
         let is_taken = rule.is_ok();
-        let effect = rule.map_or_else(|rule| format!("refused: {rule}"), |()| before);
+        let effect = rule.map_or_else(
+            |rule| format!("refused: {rule}"),
+            |()| match fault {
+                Fault::World(&GOAL_SET, _) => format!("goal {} was built before", self.task.goal),
+                Fault::World(&GOAL_ORDERED, _) => match self.task.order {
+                    Some(order) => format!("the order was {} before", order.name()),
+                    None => "the order was the scenario's before".to_owned(),
+                },
+                _ => format!("the goal was shifted by {:?} before", self.task.shift),
+            },
+        );
         self.faults.inject(now, fault, false, effect, &mut self.commands);
-        is_taken
-    }
-
-    fn move_goal(&mut self, now: Time, fault: Fault, by: Shift) {
-        let (x, y) = self.task.shift;
-        if self.is_taken(now, fault, format!("the goal was shifted by {:?} before", (x, y))) {
-            self.move_to(now, (x.saturating_add(by.0), y.saturating_add(by.1)));
-        }
-    }
-
-    fn set_goal(&mut self, now: Time, fault: Fault, goal: u16) {
-        let before = format!("goal {} was built before", self.task.goal);
-        if let (true, Ok(goal)) = (self.is_taken(now, fault, before), u8::try_from(goal)) {
-            self.begin(now, goal, (0, 0));
+        if is_taken {
+            self.moved |= matches!(fault, Fault::World(&GOAL_MOVED | &GOAL_TURNED, _));
+            self.begin(now, task);
         }
     }
 
@@ -173,8 +202,7 @@ impl MetamoduleDirector {
                 "strategy: `{}` has no such parameters; only greedy, slope and step have",
                 self.setup.params.strategy.name()
             )),
-            Fault::World(&GOAL_MOVED, Target::Shift(x, y)) => self.rule_of_goal((x, y)),
-            _ => Ok(()),
+            _ => self.commanded_task(fault).map_or(Ok(()), |task| self.rule_of_goal(fault, task)),
         }
     }
 
@@ -200,7 +228,7 @@ impl MetamoduleDirector {
             let why = format!("the scenario has no goal {goal}; they are numbered from 0 to {}", goals - 1);
             return Err(format!("goal: {why}"));
         }
-        if goal == u16::from(self.task.goal) {
+        if goal == u16::from(self.task.goal) && !self.task.is_dropped {
             return Err(format!("goal: goal {goal} is the one that is built; `goal.move` moves it"));
         }
         Ok(())
@@ -225,6 +253,7 @@ impl MetamoduleDirector {
             Wish::GoTo(Cell { x, y, z }, _) if z != 0 || !self.setup.floor.has(x, y) => {
                 refused("floor", format!("there is no connector at [{x}, {y}, {z}]; choose one of the floor"))
             }
+            Wish::Take(..) if self.task.is_dropped => refused("goal", GIVEN_UP.to_owned()),
             Wish::Take(seed, _) if !self.setup.goal(self.task).all().has(seed) => {
                 let seeds = self.setup.goal(self.task).seeds().len();
                 refused(
@@ -239,9 +268,26 @@ impl MetamoduleDirector {
         }
     }
 
-    fn rule_of_goal(&self, by: Shift) -> Result<(), String> {
-        let (x, y) = self.task.shift;
-        let task = Task { shift: (x.saturating_add(by.0), y.saturating_add(by.1)), ..self.task };
+    /// Returns the rule that refuses to turn, move, reorder or give up the present goal.
+    fn rule_of_goal(&self, fault: &Fault, task: Task) -> Result<(), String> {
+        if self.task.is_dropped {
+            return Err(format!("goal: {GIVEN_UP}"));
+        }
+        let has_elements = !self.setup.elements.all().is_empty();
+        match *fault {
+            Fault::World(&GOAL_TURNED, Target::Number(quarters)) if !(1..4).contains(&quarters) => {
+                return Err("turn: a goal turns by 1, 2 or 3 quarters".to_owned());
+            }
+            Fault::World(&GOAL_TURNED | &GOAL_DROPPED, _) if has_elements => {
+                let why = "the goal has passive elements, whose places stay; use `goal.set`";
+                return Err(format!("elements: {why}"));
+            }
+            Fault::World(&GOAL_DROPPED, _) if self.setup.params.strategy == Strategy::Planned => {
+                let why = "under `planned` goals change only at their times; use another strategy";
+                return Err(format!("central-plan: {why}"));
+            }
+            _ => {}
+        }
         let floor = self.setup.floor;
         let is_on = |cell: Cell| floor.has(cell.x, cell.y);
         if self.setup.seeds(task).any(|(_, seed)| !seed.cells().into_iter().all(is_on)) {

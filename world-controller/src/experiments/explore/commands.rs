@@ -16,6 +16,10 @@ use metamorph_sim_bridge::director::steering::Steering;
 pub const COMMANDS_FROM: u64 = 1 << 33;
 /// The first seed that may draw every command, for every family. Smaller ones draw four that steer metamodules.
 pub const ALL_COMMANDS_FROM: u64 = 1 << 34;
+/// The first seed that may draw the commands about goals that were added last.
+pub const GOALS_FROM: u64 = 1 << 35;
+/// The names of these commands.
+const ADDED: [&str; 3] = ["goal.turn", "goal.order", "goal.drop"];
 
 /// Commands of a run at most, where four are drawn and where all are.
 const MOST: (u64, u64) = (4, 8);
@@ -31,7 +35,8 @@ pub fn draw(draft: &GeneratedScenario, family: &dyn Family) -> Vec<GeneratedFaul
     if !all {
         return (0..1 + draft.seed % MOST.0).map(|_| steered(&mut dice, draft, horizon)).collect();
     }
-    let (kinds, world) = (1 + dice.0.below(15), family.commanded_to_world());
+    let (kinds, mut world) = (1 + dice.0.below(15), family.commanded_to_world());
+    world.retain(|kind| draft.seed >= GOALS_FROM || !ADDED.contains(&kind.name));
     let mut commands: Vec<GeneratedFault> = Vec::new();
     for _ in 0..dice.within(1, MOST.1) {
         // Each kind is left out in half of the runs.
@@ -151,6 +156,7 @@ fn to_world(
         Form::Element => Target::Element(dice.0.below(u64::from(draft.swarm.elements()) + 1) as u16),
         Form::Number => Target::Number(dice.0.below(3) as u16),
         Form::Word(words) => Target::Word(dice.pick(words)),
+        Form::Nothing => Target::Nothing,
     };
     Some(Fault::World(kind, target))
 }
@@ -199,7 +205,7 @@ mod tests {
         for family in all().iter().copied().filter(|family| family.is_drawn()) {
             let world = family.commanded_to_world();
             let verbs: BTreeSet<&str> = own.into_iter().chain(world.iter().map(|kind| kind.name)).collect();
-            let seeds = ALL_COMMANDS_FROM..ALL_COMMANDS_FROM + 400;
+            let seeds = GOALS_FROM..GOALS_FROM + 400;
             let drawn: Vec<String> =
                 seeds.flat_map(|seed| commands(seed, family)).map(|fault| fault.to_string()).collect();
             let drawn: BTreeSet<&str> = drawn.iter().filter_map(|text| text.split(' ').next()).collect();

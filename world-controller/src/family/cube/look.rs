@@ -2,7 +2,9 @@
 
 use crate::report::message_timeline::{FAR, MessageLabel};
 use crate::view::parts::{Displacement, Motion, Part, Segment, Shape, Step, Tone};
-use crate::view::visible::{ActionOutcome, Colour, ModuleView, Role, Stage, Targets, Visible, Words};
+use crate::view::visible::{
+    ActionOutcome, Colour, GoalView, ModuleView, Role, Stage, Targets, Visible, Words,
+};
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::cube::body::{Move, Percept};
 use metamorph_protocol::cube::control::{Order, Status};
@@ -120,9 +122,9 @@ impl Visible for Cube {
         moves.and_then(|moves| u16::try_from(moves).ok()).unwrap_or(FAR)
     }
 
-    fn goal(order: &Order) -> Option<(u16, (i16, i16))> {
+    fn goal(order: &Order) -> Option<GoalView> {
         match order {
-            Order::Goal { epoch } => Some((*epoch, (0, 0))),
+            Order::Goal { epoch } => Some(GoalView { number: *epoch, ..GoalView::default() }),
             Order::Condemn { .. } | Order::Custody(_) | Order::Steer { .. } => None,
         }
     }

@@ -4,7 +4,9 @@
 
 use crate::report::message_timeline::{FAR, MessageLabel};
 use crate::view::parts::{Displacement, Motion, Part, Segment, Shape, Step, Tone, centre};
-use crate::view::visible::{ActionOutcome, Colour, ModuleView, Role, Stage, Targets, Visible, Words};
+use crate::view::visible::{
+    ActionOutcome, Colour, GoalView, ModuleView, Role, Stage, Targets, Visible, Words,
+};
 use metamorph_protocol::assembly::tables::TABLES;
 use metamorph_protocol::free_module::reconfiguration::message::{
     Action, BodyAction, Denial, LockMessage, Message, Order, Percept, Status, Swing,
@@ -173,7 +175,7 @@ impl Visible for LatticeModule {
     fn moves(_: Option<u32>) -> u16 {
         FAR
     }
-    fn goal(_: &Order) -> Option<(u16, (i16, i16))> {
+    fn goal(_: &Order) -> Option<GoalView> {
         None
     }
 }

@@ -3,7 +3,9 @@
 
 use crate::report::message_timeline::{FAR, MessageLabel};
 use crate::view::parts::{Displacement, Motion, Part, Segment, Shape, Step, Tone, centre};
-use crate::view::visible::{ActionOutcome, Colour, Floor, ModuleView, Role, Stage, Targets, Visible, Words};
+use crate::view::visible::{
+    ActionOutcome, Colour, Floor, GoalView, ModuleView, Role, Stage, Targets, Visible, Words,
+};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::metamodule::blueprint::Task;
@@ -199,9 +201,13 @@ impl Visible for Metamodule {
         gradient.and_then(|moves| u16::try_from(moves).ok()).unwrap_or(FAR)
     }
 
-    fn goal(order: &Order) -> Option<(u16, (i16, i16))> {
+    fn goal(order: &Order) -> Option<GoalView> {
         match order {
-            Order::Seeds { task, .. } => Some((task.goal.into(), task.shift)),
+            Order::Seeds { task, .. } => Some(GoalView {
+                number: if task.is_dropped { GoalView::NONE } else { task.goal.into() },
+                quarters: task.quarters,
+                shift: task.shift,
+            }),
             Order::Dead { .. }
             | Order::Alive { .. }
             | Order::Obstacle { .. }

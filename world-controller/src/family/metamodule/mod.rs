@@ -42,7 +42,7 @@ use metamorph_protocol::metamodule::start::draw_start;
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::faults::{Target, WorldFault};
 use metamorph_sim_bridge::director::steering::Steering;
-use metamorph_sim_bridge::metamodule::faults::{COMMANDS, DROP, GOAL_SET, TUNED};
+use metamorph_sim_bridge::metamodule::faults::{COMMANDS, DROP, GOAL_DROPPED, GOAL_SET, GOAL_TURNED, TUNED};
 use scenario::RawMetamodules;
 use std::fmt;
 use std::sync::Arc;
@@ -187,9 +187,12 @@ impl SwarmPlan for Metamodules {
     }
     fn heeds(&self, kind: &WorldFault) -> bool {
         let strategy = self.setup.params.strategy;
+        let has_elements = !self.setup.elements.all().is_empty();
         match *kind {
-            DROP => !self.setup.elements.all().is_empty(),
-            GOAL_SET => self.setup.goals.len() > 1 && strategy != Strategy::Planned,
+            DROP => has_elements,
+            GOAL_SET => strategy != Strategy::Planned,
+            GOAL_DROPPED => !has_elements && strategy != Strategy::Planned,
+            GOAL_TURNED => !has_elements,
             TUNED => strategy.is_published(),
             _ => true,
         }

@@ -9,6 +9,7 @@ use crate::report::run_result::RunResult;
 use crate::report::schema::MoveReport;
 use crate::run::runnable::{Runnable, stage};
 use crate::scenario::Plan;
+use metamorph_protocol::metamodule::blueprint::Task;
 use metamorph_protocol::metamodule::params::Setup;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::progress::Progress;
@@ -93,7 +94,9 @@ impl Runnable for Metamodules {
     fn account(&self, plan: &Plan, director: &MetamoduleDirector, world: &MetamoduleWorld) -> RunResult {
         let (crashed, restarted) = director.crashed_and_restarted();
         let (action_counts, progress) = (world.action_counts(), director.progress());
-        let (task, filled) = (director.task(), director.filled());
+        // A goal that was given up is the one that was not built.
+        let task = Task { is_dropped: false, ..director.task() };
+        let filled = director.filled();
         let mut seeds = 0u8..;
         let levels = self.setup.goal(task).levels().iter().map(|seeds_of_it| {
             let filled = seeds.by_ref().take(usize::from(*seeds_of_it)).filter(|s| filled.has(*s)).count();
@@ -121,7 +124,7 @@ impl Runnable for Metamodules {
             // The search knows no elements: while one is left, it cannot say what could still be built.
             snapshot: director
                 .stall()
-                .filter(|_| !director.has_elements_left(world))
+                .filter(|_| !director.has_elements_left(world) && !director.task().is_dropped)
                 .map(|_| Box::new(director.snapshot(world)) as _),
             struck: director.struck().to_vec(),
             prevented: director.prevented(),

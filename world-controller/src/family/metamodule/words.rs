@@ -3,7 +3,7 @@
 use crate::console::format::listed;
 use crate::run::replay::words::{Worded, at, waiting};
 use metamorph_protocol::metamodule::Metamodule;
-use metamorph_protocol::metamodule::blueprint::SeedSet;
+use metamorph_protocol::metamodule::blueprint::{SeedSet, Task};
 use metamorph_protocol::metamodule::message::{
     Action, BodyAction, Instruction, Order as MetamoduleOrder, Percept as MetamodulePercept,
     Refusal as MetamoduleRefusal, Status as MetamoduleStatus,
@@ -52,13 +52,9 @@ impl Worded for Metamodule {
     }
     fn order(order: &MetamoduleOrder) -> String {
         match order {
-            MetamoduleOrder::Seeds { task, open, filled } => format!(
-                "goal {}, moved by {:?}: open seeds {}, filled {}",
-                task.goal,
-                task.shift,
-                seeds(*open),
-                seeds(*filled)
-            ),
+            MetamoduleOrder::Seeds { task, open, filled } => {
+                format!("{}: open seeds {}, filled {}", goal(task), seeds(*open), seeds(*filled))
+            }
             MetamoduleOrder::Dead { id, pose } => format!("{id} is dead, at {}", Metamodule::place(pose)),
             MetamoduleOrder::Alive { id } => format!("{id} was restarted"),
             MetamoduleOrder::Obstacle { cell, there: true } => format!("an obstacle is at {cell}"),
@@ -104,6 +100,18 @@ impl Worded for Metamodule {
         let stuck = if s.deadlocked { ", deadlock detected" } else { "" };
         format!("{does}, at {}{unreachable}{stuck}{}", Metamodule::place(&s.pose), waiting(s.waits_for))
     }
+}
+
+fn goal(task: &Task) -> String {
+    if task.is_dropped {
+        return "no goal".to_owned();
+    }
+    let order = task.order.map(|order| format!(", {}", order.name())).unwrap_or_default();
+    let turned = match task.quarters {
+        0 => String::new(),
+        quarters => format!(", turned {}°", u16::from(quarters) * 90),
+    };
+    format!("goal {}{order}{turned}, moved by {:?}", task.goal, task.shift)
 }
 
 fn seeds(set: SeedSet) -> String {

@@ -5,7 +5,7 @@ use crate::view::bodies::ShownSwarm;
 use crate::view::elements::Hold;
 use crate::view::parts::{Motion, Part};
 use crate::view::scene::{Event, Scene};
-use crate::view::visible::ModuleView;
+use crate::view::visible::{GoalView, ModuleView};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::Time;
@@ -97,7 +97,7 @@ pub struct Playback<'s> {
     courses: Vec<Course>,
     obstacles: Vec<Cell>,
     elements: BTreeMap<Cell, Hold>,
-    goal: (u16, (i16, i16)),
+    goal: GoalView,
     bin: usize,
     messages: Vec<u64>,
 }
@@ -115,7 +115,7 @@ impl<'s> Playback<'s> {
             courses,
             obstacles: Vec::new(),
             elements: BTreeMap::new(),
-            goal: (0, (0, 0)),
+            goal: GoalView::default(),
             bin: 0,
         }
     }
@@ -175,7 +175,7 @@ impl<'s> Playback<'s> {
                 let cells = all.iter().flat_map(|e| e.cells.iter().map(move |cell| (*cell, e.hold)));
                 self.elements = cells.collect();
             }
-            Event::Goal(goal, shift) => self.goal = (*goal, *shift),
+            Event::Goal(goal) => self.goal = *goal,
             Event::Motion(_) | Event::Injected(..) => {}
         }
     }
@@ -210,8 +210,7 @@ impl<'s> Playback<'s> {
     }
 
     fn goal_cells(&self) -> Vec<(Cell, u16)> {
-        let (goal, (dx, dy)) = self.goal;
-        let cells = self.scene.goal_cells(goal).iter();
-        cells.map(|(x, y, z, level)| (Cell::new(x + dx, y + dy, *z), *level)).collect()
+        let cells = self.scene.goal_cells(self.goal.number).iter();
+        cells.map(|(x, y, z, level)| (self.goal.place((*x, *y, *z)), *level)).collect()
     }
 }

@@ -19,6 +19,9 @@ const resting = (cell) => [...middle(cell), ...UPRIGHT];
 const least = (list) => list.reduce((a, b) => Math.min(a, b), Infinity);
 const most = (list) => list.reduce((a, b) => Math.max(a, b), -Infinity);
 
+/** The number of the goal while none is built. */
+const NO_GOAL = 0xffff;
+
 export class Picture {
   constructor(renderer, story) {
     this.renderer = renderer;
@@ -59,7 +62,17 @@ export class Picture {
     const levels = new Map(cells.map(([x, y, z, level]) => [key([x, y, z]), level]));
     // Of a large goal only the outside is drawn.
     const inside = (c) => [0, 1, 2].every((i) => [-1, 1].every((d) => levels.has(key(c.slice(0, 3).map((x, k) => x + (k === i ? d : 0))))));
-    return { cells, levels, highest: most([1, ...levels.values()]), outside: cells.filter((c) => !inside(c)) };
+    return { cells, levels, highest: most([1, ...levels.values()]), outside: cells.filter((c) => !inside(c)), turned: [] };
+  }
+
+  /** Returns a goal by its number, turned by quarters from x to y. */
+  goalOf(number, quarters) {
+    if (number === NO_GOAL) return this.readGoal({ cells: [] });
+    const goal = this.goals[Math.min(number, this.goals.length - 1)];
+    if (!quarters) return goal;
+    const turn = ([x, y, z, level]) => [-y, x, z, level];
+    goal.turned[quarters] ??= this.readGoal({ cells: [...Array(quarters)].reduce((cells) => cells.map(turn), goal.cells) });
+    return goal.turned[quarters];
   }
 
   /** Measures the corners of the scene, roughly (start, each goal, floor), and its lowest height. */
@@ -150,7 +163,7 @@ export class Picture {
     if (options.meaning === "gradient") talk?.gradient.forEach((d) => d !== FAR && (farthest = Math.max(farthest, d)));
     // If bodies hide what is between them, they are drawn smaller while messages are shown.
     const back = options.messages && this.words.scale_among_messages !== null;
-    const { goal, shift } = story.goalAt(t);
+    const { goal, shift, quarters } = story.goalAt(t);
     const { sections = [], only = "all" } = options;
     return {
       options,
@@ -160,7 +173,7 @@ export class Picture {
       farthest,
       back,
       size: back ? this.words.scale_among_messages : this.words.scale,
-      now: this.goals[Math.min(goal, this.goals.length - 1)],
+      now: this.goalOf(goal, quarters),
       shift,
       sections,
       only,

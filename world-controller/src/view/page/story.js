@@ -174,7 +174,7 @@ export class Story {
         this.elements.push({ t, all: event[2] });
         break;
       case "g":
-        this.goalsOpened.push({ t, goal: event[2], shift: event[3] });
+        this.goalsOpened.push({ t, goal: event[2], shift: event[3], quarters: event[4] });
         break;
     }
   }
@@ -256,7 +256,7 @@ export class Story {
 
   goalAt(t) {
     const i = before(this.goalsOpened, t);
-    return i < 0 ? { goal: 0, shift: [0, 0] } : this.goalsOpened[i];
+    return i < 0 ? { goal: 0, shift: [0, 0], quarters: 0 } : this.goalsOpened[i];
   }
 
   /** Returns how each cell of a passive element is held, by the name of the cell. */

@@ -4,7 +4,9 @@
 
 use crate::report::message_timeline::{FAR, MessageLabel};
 use crate::view::parts::{Displacement, Motion, Part, Segment, Shape, Step, Tone};
-use crate::view::visible::{ActionOutcome, Colour, ModuleView, Role, Stage, Targets, Visible, Words};
+use crate::view::visible::{
+    ActionOutcome, Colour, GoalView, ModuleView, Role, Stage, Targets, Visible, Words,
+};
 use metamorph_protocol::free_module::gait::body::{Place, Pose, Status, Task, UNIT};
 use metamorph_protocol::free_module::gait::message::{Follow, Message, Order};
 use metamorph_protocol::free_module::gait::{FreeModule, Setup};
@@ -139,7 +141,7 @@ impl Visible for FreeModule {
     fn moves(_: Option<u32>) -> u16 {
         FAR
     }
-    fn goal(_: &Order) -> Option<(u16, (i16, i16))> {
+    fn goal(_: &Order) -> Option<GoalView> {
         None
     }
 }
