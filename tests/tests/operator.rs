@@ -10,7 +10,7 @@ use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::faults::{Fault, Target, WorldFault};
 use metamorph_sim_bridge::director::steering::Steering;
 use metamorph_sim_bridge::metamodule::faults::{GOAL_DROPPED, GOAL_SET, GOAL_TURNED, TUNED};
-use metamorph_tests::command::{report, run, scenario};
+use metamorph_tests::command::{report, root, run, scenario};
 use metamorph_tests::metamodules::{Assembled, Assembly, Goal};
 use metamorph_world_controller::report::schema::Report;
 use std::fs;
@@ -226,6 +226,36 @@ fn another_goal_of_the_scenario_is_built() {
     assert!(effects[2].starts_with("refused: goal: the scenario has no goal 2"), "{effects:?}");
 }
 
+/// A swarm that would plan for all together asks first, and an operator who would not have looked answers. Without an
+/// answer it goes on by itself.
+#[test]
+fn swarms_ask_before_they_plan_for_all() {
+    let directory = tempfile::tempdir().unwrap();
+    let asked = |file: &str, ask: &str, operator: &str| {
+        let text = fs::read_to_string(root().join(format!("tests/corpus/{file}.toml"))).unwrap();
+        let text = text.replace("[protocol]\n", &format!("[protocol]\n{ask}\n")) + operator;
+        let file = directory.path().join("ask.toml");
+        fs::write(&file, text).unwrap();
+        report(&run(&["run", file.to_str().unwrap(), "--link", "sim", "--json", "-", "--quiet"]).out)
+    };
+    let (knot, luck) = ("metamodule-led-out-of-a-knot", "metamodule-led-by-luck");
+    let operator = "\n[operator]\nkind = \"scripted\"\nwindow = \"3000s\"\nlease = \"60s\"\n";
+    let within = "answer_within = \"300s\"";
+    let alone = asked(luck, "", "");
+    assert_eq!(alone.trace_hash, asked(luck, "ask = \"never\"", "").trace_hash);
+    let waits = asked(luck, &format!("ask = \"stuck\"\n{within}"), "");
+    assert_eq!((waits.outcome.as_str(), waits.invariants.broken), ("built", 0));
+    assert_ne!(waits.trace_hash, alone.trace_hash);
+    let silent = asked(knot, "", operator).operator.unwrap();
+    assert_eq!((silent.requests, silent.commands, silent.mixed_initiative), (0, 0, None));
+    for ask in ["stuck", "always"] {
+        let helped = asked(knot, &format!("ask = \"{ask}\"\n{within}"), operator);
+        assert_eq!((helped.outcome.as_str(), helped.invariants.broken), ("built", 0), "{ask}");
+        let operator = helped.operator.unwrap();
+        assert_eq!((operator.requests, operator.answered, operator.mixed_initiative), (1, 1, Some(1.0)));
+    }
+}
+
 /// Runs the chair of the thesis with these commands, which are given at once.
 fn commanded_chair(directory: &Path, strategy: &str, commands: &str) -> Report {
     let text = format!(
@@ -276,6 +306,9 @@ fn tables_of_operators_are_checked() {
         ("level = \"some\"", "some"),
         ("speed = 1", "speed"),
         ("think = \"4s..1s\"", "4s..1s"),
+        ("[protocol]\nask = \"often\"", "often"),
+        ("[protocol]\nanswer_within = \"0s\"", "answer_within"),
+        ("[protocol]\nstrategy = \"slope\"\nask = \"stuck\"", "asks the operator nothing"),
     ];
     for (line, part) in cases {
         let text = format!("{text}\n[operator]\n{line}\n");

@@ -20,19 +20,22 @@ pub(super) struct Outbox {
     /// When the state is sent again.
     pub repeat_at: Time,
     reported: Option<Status>,
+    /// True while the metamodule asks the operator.
+    pub asks: bool,
 }
 
-/// Leaves out the queued outputs, which do not affect what the metamodule does from now on.
+/// Leaves out the queued outputs, which do not affect what the metamodule does from now on, and what follows from the
+/// state of the strategy.
 impl Hash for Outbox {
     fn hash<H: Hasher>(&self, hasher: &mut H) {
-        let Outbox { queue: _, sequence, repeat_at, reported } = self;
+        let Outbox { queue: _, sequence, repeat_at, reported, asks: _ } = self;
         (sequence, repeat_at, reported).hash(hasher);
     }
 }
 
 impl Outbox {
     pub fn new(repeat_at: Time) -> Outbox {
-        Outbox { queue: VecDeque::new(), sequence: 0, repeat_at, reported: None }
+        Outbox { queue: VecDeque::new(), sequence: 0, repeat_at, reported: None, asks: false }
     }
     pub fn poll(&mut self) -> Option<OutputOf<Metamodule>> {
         self.queue.pop_front()
@@ -88,6 +91,7 @@ impl Outbox {
 
     /// Tells the world-controller the status, if it has changed.
     pub fn report(&mut self, status: Status) {
+        let status = Status { stuck: status.stuck || self.asks, ..status };
         if self.reported != Some(status) {
             self.reported = Some(status);
             self.queue.push_back(Output::Report(status));

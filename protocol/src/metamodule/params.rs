@@ -156,6 +156,25 @@ pub enum SeedAuthority {
     Neighbours,
 }
 
+/// Before which searches for a plan of all together a metamodule asks the operator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default)]
+#[serde(rename_all = "lowercase")]
+pub enum Ask {
+    /// None.
+    #[default]
+    Never,
+    /// Those that begin because nothing moves.
+    Stuck,
+    /// All.
+    Always,
+}
+
+impl Ask {
+    /// All of them, with the names used in scenarios.
+    pub const ALL: [(&'static str, Ask); 3] =
+        [("never", Ask::Never), ("stuck", Ask::Stuck), ("always", Ask::Always)];
+}
+
 /// How metamodules find out that none of them can go on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Detector {
@@ -202,6 +221,10 @@ pub struct Params {
     /// How long a metamodule waits for others to make way, or to claim a seed that falls to one of them, before it acts
     /// itself. Several other time-outs are multiples of it.
     pub patience: Span,
+    /// Before which searches of all together the operator is asked (`negotiated` only).
+    pub ask: Ask,
+    /// How long a metamodule waits for the answer before it goes on by itself.
+    pub answer_within: Span,
     /// A defect for tests.
     #[doc(hidden)]
     pub defect: Option<Defect>,
@@ -211,6 +234,7 @@ impl Params {
     /// Returns default parameters for joints that need `turn_time` per step, and links with this message delay.
     pub fn scaled(strategy: Strategy, turn_time: Span, delay: Span) -> Params {
         let round_trip = delay * 2;
+        let patience = turn_time * 10 + round_trip * 4;
         Params {
             strategy,
             repulsion: strategy.repulsion(),
@@ -226,7 +250,9 @@ impl Params {
             repeat: turn_time * 10,
             back_off: turn_time,
             detector: None,
-            patience: turn_time * 10 + round_trip * 4,
+            patience,
+            ask: Ask::Never,
+            answer_within: patience * 3,
             defect: None,
         }
     }

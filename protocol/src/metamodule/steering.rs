@@ -73,6 +73,9 @@ impl Metamodule {
             return;
         }
         hit(CoveragePoint::MetaSteered);
+        if steering == Steering::Release {
+            self.policy.on_answer();
+        }
         let is_over = steering == Steering::Release || until <= now;
         self.own.steered = if is_over { None } else { Some(Steered { steering, until }) };
         // It neither claims a seed nor has others plan with it meanwhile.

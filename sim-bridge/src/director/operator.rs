@@ -5,6 +5,7 @@
 //! [`TeamLog::measures`] follow.
 
 use crate::director::faults::Fault;
+use crate::director::steering::Steering;
 use crate::director::team::{Interaction, TeamLog, UnitLog, Wait};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::rng::Rng;
@@ -22,6 +23,8 @@ pub struct Part {
     pub progress: Time,
     /// The one that it waits for.
     pub waits_for: Option<ModuleId>,
+    /// It asks the operator what to do, or whether it is to go on by itself.
+    pub asks: bool,
 }
 
 /// A swarm that moves and fills no place of its goal for this many windows is stuck as well.
@@ -149,6 +152,12 @@ pub struct OperatorCounts {
     pub aware: u64,
     /// The time for which it was compared.
     pub compared: u64,
+    /// Requests of swarms.
+    pub requests: u64,
+    /// Those that ended after a command to the swarm.
+    pub answered: u64,
+    /// Commands to swarms that asked nothing at the time.
+    pub unasked: u64,
 }
 
 /// What the operator is doing.
@@ -170,6 +179,8 @@ struct Watched {
     is_stuck: bool,
     /// Whether it is over.
     is_over: bool,
+    /// Of a swarm that asks: whether it has been commanded anything since.
+    asks: Option<bool>,
 }
 
 /// A scripted operator.
@@ -272,6 +283,10 @@ impl Operator {
             Phase::Acting { swarm, part, from, mut left, .. } => {
                 if !scenes[swarm].is_over() && !left.is_empty() {
                     self.counts.commands += 1;
+                    match &mut self.swarms[swarm].asks {
+                        Some(is_answered) => *is_answered = true,
+                        None => self.counts.unasked += 1,
+                    }
                     acts.push(Act { swarm, command: left.remove(0) });
                 }
                 if left.is_empty() || scenes[swarm].is_over() {
@@ -316,7 +331,20 @@ impl Operator {
             }
             let watched = &mut self.swarms[swarm];
             watched.is_over = scene.is_over();
+            let asks = !watched.is_over && asking(*scene).is_some();
+            match (watched.asks, asks) {
+                (None, true) => {
+                    self.counts.requests += 1;
+                    watched.asks = Some(false);
+                }
+                (Some(is_answered), false) => {
+                    self.counts.answered += u64::from(is_answered);
+                    watched.asks = None;
+                }
+                _ => {}
+            }
             let since = (last + window).min(scene.filled_at() + window * CIRCLES);
+            let since = if asks { since.min(now) } else { since };
             watched.is_stuck = !watched.is_over && since <= now;
             if !watched.is_stuck {
                 watched.noticed = None;
@@ -373,14 +401,15 @@ impl Operator {
             .map(|id| (ModuleId(id), scene.part(ModuleId(id))))
             .filter(|(_, part)| !part.is_done)
             .collect();
-        let chosen = match self.habits.choice {
+        let asked = asking(scene).map(|id| (id, scene.part(id)));
+        let chosen = asked.or_else(|| match self.habits.choice {
             Choice::LongestStuck => stuck.iter().min_by_key(|(_, part)| part.progress).copied(),
             Choice::Nearest => stuck.iter().min_by_key(|(id, _)| scene.distance(*id)).copied(),
             Choice::Random => {
                 let n = self.rng.below(stuck.len().max(1) as u64) as usize;
                 stuck.get(n).copied()
             }
-        };
+        });
         let Some((part, _)) = chosen else { return };
         let until = now + self.draw(self.habits.think);
         self.phase = Phase::Thinking { swarm, part, from: now, until };
@@ -390,10 +419,14 @@ impl Operator {
     fn decide(&mut self, now: Time, scenes: &[&dyn Scene], case: (usize, ModuleId, Time)) {
         let (swarm, part, from) = case;
         let Habits { level, lease, .. } = self.habits;
-        let remedy = match scenes[swarm].is_over() {
+        let mut remedy = match scenes[swarm].is_over() {
             true => Vec::new(),
             false => scenes[swarm].remedy(part, level, lease, &mut self.rng),
         };
+        if remedy.is_empty() && scenes[swarm].part(part).asks && level == Level::Shared {
+            // It need not wait any longer.
+            remedy = vec![Fault::Steer(part, Steering::Release)];
+        }
         if remedy.is_empty() {
             self.counts.helpless += 1;
             return self.end(now, case, self.habits.window);
@@ -411,6 +444,11 @@ impl Operator {
         (watched.again, watched.noticed) = (now + rest, None);
         (self.phase, self.look_at) = (Phase::Looking, now + self.habits.look);
     }
+}
+
+/// Returns the part of a swarm that asks.
+fn asking(scene: &dyn Scene) -> Option<ModuleId> {
+    (0..scene.parts() as u32).map(ModuleId).find(|id| scene.part(*id).asks)
 }
 
 /// Draws a time, both ends included.

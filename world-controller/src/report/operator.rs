@@ -21,6 +21,16 @@ pub struct OperatorReport {
     pub refused: u64,
     /// Cases in which no command would have helped.
     pub helpless: u64,
+    /// Requests of the swarm (`[protocol] ask`).
+    #[serde(default)]
+    pub requests: u64,
+    /// Those that ended after the operator had commanded something: answered in time.
+    #[serde(default)]
+    pub answered: u64,
+    /// Mixed initiative: requests, as a share of requests and of commands that nothing had asked for; null if there was
+    /// neither.
+    #[serde(default)]
+    pub mixed_initiative: Option<f64>,
     /// Commands in a minute.
     pub commands_per_minute: f64,
     /// Mean time until a standstill was noticed (s); null if there was none.
@@ -79,6 +89,9 @@ impl OperatorReport {
             commands: counts.commands,
             refused: counts.refused,
             helpless: counts.helpless,
+            requests: counts.requests,
+            answered: counts.answered,
+            mixed_initiative: share(counts.requests, counts.requests + counts.unasked),
             commands_per_minute: if minutes > 0.0 { counts.commands as f64 / minutes } else { 0.0 },
             notice_s: share(counts.notice_delay.0, counts.noticed).map(|ns| ns / 1e9),
             awareness: share(counts.aware, counts.compared),

@@ -145,7 +145,8 @@ pub struct Status {
     pub deadlocked: bool,
     /// It moves, or has asked for a lock to move (told under `planned` only).
     pub busy: bool,
-    /// Its joints did not turn when they should have, and have not turned since (told under `planned` only).
+    /// Under `planned`: its joints did not turn when they should have, and have not turned since. Under `negotiated`: it
+    /// asks the operator, since it would search for a plan of all together.
     pub stuck: bool,
 }
 

@@ -127,6 +127,12 @@ impl Policy {
             n.retire(cx);
         }
     }
+    /// Takes the operator's answer to a request: it is to go on by itself.
+    pub fn on_answer(&mut self) {
+        if let Some(n) = self.negotiated_mut() {
+            n.on_answer();
+        }
+    }
     /// Starts over: there is another task.
     pub fn on_task(&mut self, cx: &mut Context<'_>) {
         match self {

@@ -11,6 +11,7 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::Seed;
 use metamorph_protocol::metamodule::motions::Sweep;
+use metamorph_protocol::metamodule::params::Strategy;
 use metamorph_protocol::metamodule::planning::paths::{Ground, Route};
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::metamodule::steering::upright;
@@ -77,6 +78,8 @@ impl Scene for Picture<'_> {
             is_done: fills.is_some(),
             progress: known.progress,
             waits_for: status.and_then(|s| s.waits_for),
+            asks: self.director.setup.params.strategy == Strategy::Negotiated
+                && status.is_some_and(|s| s.stuck),
         }
     }
     fn filled_at(&self) -> Time {

@@ -4,7 +4,9 @@ use super::Metamodules;
 use crate::console::escape::Shown;
 use crate::console::format::many;
 use crate::scenario::Plan;
-use metamorph_protocol::metamodule::params::{Params, Precedence, PrecedenceBy, Repulsion, SeedAuthority};
+use metamorph_protocol::metamodule::params::{
+    Ask, Params, Precedence, PrecedenceBy, Repulsion, SeedAuthority,
+};
 use metamorph_protocol::time::Time;
 use std::fmt::Write;
 
@@ -64,10 +66,16 @@ pub fn describe(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std::fmt:
     )
 }
 
-/// Describes the force field of the published strategies.
+/// Describes the force field of the published strategies, and what others ask the operator.
 fn field(params: &Params) -> String {
     if !params.strategy.is_published() {
-        return String::new();
+        return match params.ask {
+            Ask::Never => String::new(),
+            Ask::Stuck => format!("; asks the operator when nothing moves, for {}", params.answer_within),
+            Ask::Always => {
+                format!("; asks the operator before it plans for all, for {}", params.answer_within)
+            }
+        };
     }
     let first = match params.precedence {
         None => "no precedence".to_owned(),

@@ -100,6 +100,9 @@ pub enum MetamoduleError {
     /// A key of the force field with a strategy that has none.
     #[error("`{1}` has no force field, so `{0}` does not apply to it")]
     NoField(&'static str, &'static str),
+    /// Requests to the operator under a strategy that makes none.
+    #[error("`{0}` has no meaning under `{1}`, which asks the operator nothing")]
+    AsksNothing(&'static str, &'static str),
     /// A fallback of a strategy that decides by itself anyway.
     #[error("`{0}` makes no plan of the whole, so it has no fallback")]
     NoFallback(&'static str),
@@ -212,6 +215,7 @@ impl MetamoduleError {
                 "leave `detector` out, or choose `greedy`, `slope` or `step`".into()
             }
             MetamoduleError::NoFallback(_) => "leave `fallback` out, or choose `planned`".into(),
+            MetamoduleError::AsksNothing(key, _) => format!("leave `{key}` out, or choose `negotiated`"),
             MetamoduleError::NoField(key, _) => {
                 format!("leave `{key}` out, or choose `greedy`, `slope` or `step`")
             }

@@ -1,5 +1,6 @@
 //! Metamodules of two Roombots modules each, which walk over a floor of connectors (thesis 4.1.3).
 
+mod asking;
 pub mod assembly;
 mod bounds;
 mod describe;

@@ -5,6 +5,7 @@
 //! library does.
 
 use super::Metamodules;
+use super::asking::RawAsking;
 use super::bounds::bounds;
 use super::elements::{self, RawElement, Surroundings};
 use super::error::{MAX_COMMUNICATION_RANGE, MAX_FLOOR, MAX_METAMODULES, MetamoduleError};
@@ -70,6 +71,7 @@ pub struct RawMetamodules {
     goals: Vec<RawGoal>,
     strategy: Strategy,
     field: RawField,
+    asking: RawAsking,
     seed_authority: SeedAuthority,
     relocate: bool,
     detector: Option<At<bool>>,
@@ -139,6 +141,7 @@ impl RawMetamodules {
             goals: Vec::new(),
             strategy: Strategy::default(),
             field: RawField::default(),
+            asking: RawAsking::default(),
             seed_authority: SeedAuthority::default(),
             relocate: false,
             detector: None,
@@ -155,6 +158,7 @@ impl RawMetamodules {
             raw.strategy =
                 section.choice("strategy", "strategy", &strategies, diagnostics).unwrap_or_default();
             raw.field = RawField::read(&mut section, diagnostics);
+            raw.asking = RawAsking::read(&mut section, diagnostics);
             let key = section.key_or_former("seed_authority", "teller");
             raw.seed_authority =
                 section.choice(key, "seed authority", &SEED_AUTHORITIES, diagnostics).unwrap_or_default();
@@ -305,6 +309,7 @@ impl RawSwarm for RawMetamodules {
                 range(communication_range, "communication range", least, most, diagnostics)? as u16;
         }
         self.field.apply(&mut params, diagnostics);
+        self.asking.apply(&mut params, diagnostics);
         let metamodules = u16::try_from(count).unwrap_or(u16::MAX);
         if let Some(asked) = &self.detector {
             params.detector = Some(Detector { after: params.patience, metamodules });

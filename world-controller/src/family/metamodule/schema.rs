@@ -14,7 +14,7 @@ use metamorph_protocol::manipulation::load::MAX_GRAMS;
 use metamorph_protocol::metamodule::blueprint::SeedOrder;
 use metamorph_protocol::metamodule::elements::MAX_ELEMENTS;
 use metamorph_protocol::metamodule::params::{
-    COMMUNICATION_RANGE, LEAST_COMMUNICATION_RANGE, PrecedenceBy, Strategy,
+    Ask, COMMUNICATION_RANGE, LEAST_COMMUNICATION_RANGE, PrecedenceBy, Strategy,
 };
 use metamorph_protocol::roombots::Kind;
 use serde_json::{Value, json};
@@ -88,6 +88,14 @@ fn protocol() -> Value {
                 json!({ "type": "boolean" }),
             ),
             "repulsion": said("The repulsion by neighbours. Default: that of the strategy.", of("repulsion")),
+            "ask": said(
+                "Before which searches for a plan of all together a metamodule asks the operator, with `negotiated`: none, those that begin because nothing moves, or all.",
+                or(Ask::ALL[0].0, names(&Ask::ALL.map(|(name, _)| name))),
+            ),
+            "answer_within": said(
+                "How long it waits for the answer before it goes on by itself. Default: three times the patience of metamodules.",
+                of("time"),
+            ),
             "seed_authority": one_of(&SEED_AUTHORITIES),
             "teller": former("seed_authority", one_of(&SEED_AUTHORITIES)),
             "relocate": said(

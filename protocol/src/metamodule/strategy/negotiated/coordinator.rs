@@ -8,6 +8,8 @@
 //! other; the mover makes it, with locks as always. When the seed is filled, or a move has not been made in
 //! time, or the coordinator is not heard any more, all go on as before.
 //!
+//! If the scenario says so, it asks the operator first, and goes on by itself when it is told to, or after a time.
+//!
 //! A directive that comes late or to another metamodule costs time, never safety. Absent: a choice among
 //! plans; the first that is found is carried out, also if it closes the way to another seed.
 
@@ -19,7 +21,7 @@ use crate::digest::Portable;
 use crate::ids::ModuleId;
 use crate::metamodule::blueprint::SeedSet;
 use crate::metamodule::message::{Directive, Instruction, Message};
-use crate::metamodule::params::Setup;
+use crate::metamodule::params::{Ask, Setup};
 use crate::metamodule::plan::{Aim, Plan};
 use crate::metamodule::planning::cooperative::{Move, SearchResult, Standstill, WORK, search};
 use crate::metamodule::planning::lru_cache::mix;
@@ -57,6 +59,8 @@ pub(super) struct Coordinator {
     said: Option<Directive>,
     /// What it has been ordered, and until when it follows.
     heard: Option<(Directive, Time)>,
+    /// The operator has answered that it is to go on.
+    is_answered: bool,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Default)]
@@ -68,13 +72,29 @@ enum Stage {
     Gathering { at: Time, until: Time },
     /// These moves are left of a plan, and the first of them is waited for until `until`.
     Executing { moves: VecDeque<(ModuleId, Move)>, until: Time },
+    /// The operator is asked about this arrangement until `until`. Meanwhile each metamodule decides for itself.
+    Asking { about: u64, until: Time },
 }
 
 impl Coordinator {
     /// Feeds the state into a hash, without what it says of the surroundings; see `digest`.
     pub fn digest(&self, hasher: &mut Portable<'_>) {
-        let Coordinator { began, times_in_vain, filled, stage, said, heard, quiet: _, in_vain: _ } = self;
+        let Coordinator {
+            began,
+            times_in_vain,
+            filled,
+            stage,
+            said,
+            heard,
+            quiet: _,
+            in_vain: _,
+            is_answered,
+        } = self;
         (began, times_in_vain, filled, stage, said, heard).hash(hasher);
+        // Hashes of swarms that ask nothing do not depend on whether they could.
+        if *is_answered {
+            is_answered.hash(hasher);
+        }
     }
 
     /// Coordinates, or looks for a coordinator to follow. Returns what is to be done by all, and until when,
@@ -99,13 +119,21 @@ impl Coordinator {
                 if now < self.due(scene, filled_since) {
                     return None;
                 }
-                hit(CoveragePoint::MetaLed);
-                let params = cx.v.params();
-                let (at, until) = (now + params.resend, now + params.lease);
-                self.stage = Stage::Gathering { at, until };
-                self.began = Some(now);
-                self.say(cx, Instruction::Stay);
-                Some((Instruction::Stay, at))
+                if self.is_to_ask(cx.v) {
+                    let (about, until) = (arrangement(scene), now + cx.v.params().answer_within);
+                    self.stage = Stage::Asking { about, until };
+                    cx.out.asks = true;
+                    return None;
+                }
+                Some(self.begin(cx))
+            }
+            Stage::Asking { about, until } => {
+                // What has changed meanwhile may have helped.
+                if arrangement(scene) != about || self.due(scene, filled_since) == Time::NEVER {
+                    self.stop(cx);
+                    return None;
+                }
+                (now >= until).then(|| self.begin(cx))
             }
             Stage::Gathering { at, .. } if now < at => Some((Instruction::Stay, at)),
             Stage::Gathering { until, .. } if now < until && cx.v.locks.iter().next().is_some() => {
@@ -129,6 +157,33 @@ impl Coordinator {
         }
     }
 
+    /// Begins to coordinate: asks all in range to stay.
+    fn begin(&mut self, cx: &mut Context<'_>) -> (Instruction, Time) {
+        hit(CoveragePoint::MetaLed);
+        let (now, params) = (cx.v.now, cx.v.params());
+        let (at, until) = (now + params.resend, now + params.lease);
+        self.stage = Stage::Gathering { at, until };
+        (self.began, self.is_answered, cx.out.asks) = (Some(now), false, false);
+        self.say(cx, Instruction::Stay);
+        (Instruction::Stay, at)
+    }
+
+    /// Returns true if the operator is to be asked before it coordinates.
+    fn is_to_ask(&self, v: View<'_>) -> bool {
+        let is_quiet = |(_, since): (u64, Time)| v.now >= since + v.params().patience * QUIET;
+        !self.is_answered
+            && match v.params().ask {
+                Ask::Never => false,
+                Ask::Stuck => self.quiet.is_some_and(is_quiet),
+                Ask::Always => true,
+            }
+    }
+
+    /// Takes the answer of the operator that it is to go on.
+    pub fn on_answer(&mut self) {
+        self.is_answered |= matches!(self.stage, Stage::Asking { .. });
+    }
+
     /// Returns the time at which this metamodule begins to coordinate if nothing changes; `Time::NEVER` if it would not
     /// do so.
     pub fn due(&mut self, scene: &Scene<'_>, filled_since: Option<Time>) -> Time {
@@ -139,6 +194,9 @@ impl Coordinator {
         let is_first = scene.movable.iter().all(|(id, _)| *id > v.own.id);
         if !is_first || v.open().is_empty() || self.in_vain == Some(around) {
             return Time::NEVER;
+        }
+        if let Stage::Asking { until, .. } = self.stage {
+            return until;
         }
         let at = (since + retry * QUIET).min(filled_since.unwrap_or(v.now) + retry * LONG);
         if self.filled != v.own.filled {
@@ -218,8 +276,10 @@ impl Coordinator {
 
     /// Stops coordinating, and tells all in range.
     pub fn stop(&mut self, cx: &mut Context<'_>) {
-        if std::mem::take(&mut self.stage) != Stage::Off {
-            self.say(cx, Instruction::Over);
+        cx.out.asks = false;
+        match std::mem::take(&mut self.stage) {
+            Stage::Off | Stage::Asking { .. } => {}
+            Stage::Gathering { .. } | Stage::Executing { .. } => self.say(cx, Instruction::Over),
         }
     }
 
@@ -234,7 +294,8 @@ impl Coordinator {
                 directive.coordinator < before.coordinator || v.now >= until || is_over
             }
         };
-        let coordinates = self.stage != Stage::Off && v.own.id < directive.coordinator;
+        let is_at_work = matches!(self.stage, Stage::Gathering { .. } | Stage::Executing { .. });
+        let coordinates = is_at_work && v.own.id < directive.coordinator;
         if coordinates || !self.heard.is_none_or(is_later) {
             return false;
         }

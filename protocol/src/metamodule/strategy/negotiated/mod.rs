@@ -222,6 +222,9 @@ impl Negotiated {
         self.withdraw(cx);
         self.coordinator.stop(cx);
     }
+    pub fn on_answer(&mut self) {
+        self.coordinator.on_answer();
+    }
     pub fn on_task(&mut self, cx: &mut Context<'_>) {
         self.withdraw(cx);
         self.coordinator.start_over(cx);
