@@ -237,7 +237,12 @@ class Studio {
     }, { capture: true });
     canvas.addEventListener("pointermove", (event) => {
       const stroke = this.tools.stroke;
-      if (stroke && down.has(event.pointerId)) return this.tools.go(this.space.across(stroke.hit, event.clientX, event.clientY));
+      if (stroke && down.has(event.pointerId)) {
+        const to = this.space.across(stroke.hit, event.clientX, event.clientY);
+        // A drag is seen at once.
+        if (String(to) !== String(stroke.to)) this.release();
+        return this.tools.go(to);
+      }
       if (down.size || event.pointerType === "touch") return;
       const hit = this.space.pick(event.clientX, event.clientY);
       const at = hit && ["add", "line", "box", "module"].includes(this.tools.tool) && !event.altKey ? [hit.at] : null;
