@@ -192,8 +192,9 @@ fn the_end_of_an_earlier_action_is_not_that_of_a_new_step() {
         agent.handle(Time(1), Input::Order(order(4, 0)));
         agent.handle(Time(2), Input::Percept(percept));
         let outputs = outputs(&mut agent);
-        let reports = outputs.iter().filter_map(|o| if let Output::Report(s) = o { Some(s) } else { None });
-        assert_eq!(reports.last().and_then(|s| s.last).map(|last| last.1), expected);
+        let reported =
+            outputs.iter().rev().find_map(|o| if let Output::Report(s) = o { Some(s) } else { None });
+        assert_eq!(reported.and_then(|s| s.last).map(|last| last.1), expected);
         assert_eq!(acts(&outputs), []);
     }
 }
