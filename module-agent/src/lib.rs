@@ -15,7 +15,7 @@ pub mod regular_file;
 pub mod run_dir;
 pub mod transport;
 
-pub use crate::process::agent_process::{in_hand, most_neighbours};
 pub use crate::process::args::AgentArgs;
+pub use crate::process::bounds::{in_hand, most_neighbours};
 pub use crate::process::start::{AgentError, pid_directory, pid_file, run};
 pub use crate::registry::Family;

@@ -6,18 +6,18 @@ use crate::clock::lateness::Lateness;
 use crate::clock::source::ClockSource;
 use crate::clock::{Clock, Speed};
 use crate::journal_file::Writer;
-use crate::link_emulator::{HELD_LIMIT, LinkEmulator};
-use crate::process::contacts::{Contacts, EARLY_LIMIT, Place};
+use crate::link_emulator::LinkEmulator;
+use crate::process::contacts::{Contacts, Place};
 use crate::process::orphan_watch::{ControllerState, OrphanWatch};
 use crate::process::receiver::{Received, Receiver};
 use crate::process::runtime_message::RuntimeMessage;
-use crate::process::sender::{BURST, Sender};
+use crate::process::sender::Sender;
 use crate::process::start::AgentError;
 use crate::process::uplink::Uplink;
 use crate::process::write_ahead::WriteAhead;
 use crate::run_dir::counter_file::CounterStore;
 use crate::transport::shared_frame::SharedFrame;
-use crate::transport::{Address, AgentKey, INBOX_DEPTH, INBOX_SPARE, Transport};
+use crate::transport::{Address, AgentKey, Transport};
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::host::{AgentHost, StepContext};
@@ -35,25 +35,11 @@ const LONGEST_WAIT: Duration = Duration::from_secs(2);
 /// The wait before frames that did not fit into the controller's inbox are sent again.
 const UPLINK_RETRY: Duration = Duration::from_millis(5);
 /// Number of frames taken from the inbox before anything is sent.
-const DRAIN: usize = 512;
+pub(super) const DRAIN: usize = 512;
 /// Largest number of drains spent on frames of the old controller before the agent turns to the new one.
 const DRAINS: usize = 1_000;
 /// Number of wake inputs in one turn; an agent that wants more in one instant gets them after the next drain.
 const WAKES: usize = 16;
-
-/// Returns the largest number of neighbours that an agent has at a time in a swarm of `count` modules.
-pub fn most_neighbours<A: Agent>(count: usize) -> usize {
-    A::PORTS.min(count.saturating_sub(1))
-}
-
-/// Returns the largest number of messages that the counts of a killed process may miss, if it has at most `neighbours`
-/// neighbours at a time: in its inbox, taken from it, waiting for their contact, gathered to be sent, or held back by
-/// its link.
-pub fn in_hand(neighbours: usize, transparent: bool) -> u64 {
-    let inbox = (neighbours + INBOX_SPARE) * INBOX_DEPTH;
-    let held = if transparent { 0 } else { HELD_LIMIT };
-    (inbox + DRAIN + EARLY_LIMIT + 2 * BURST + 2 * held) as u64
-}
 
 /// The configuration of one incarnation of an agent.
 #[derive(Clone, Debug)]

@@ -4,6 +4,7 @@
 
 pub mod agent_process;
 pub mod args;
+pub mod bounds;
 pub mod contacts;
 pub mod orphan_watch;
 pub mod receiver;

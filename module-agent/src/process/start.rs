@@ -4,8 +4,9 @@
 use crate::clock::monotonic;
 use crate::clock::source::FileClock;
 use crate::journal_file::{Head, JournalError, Parts, Writer, agent_part};
-use crate::process::agent_process::{AgentConfig, AgentProcess, AgentServices, most_neighbours};
+use crate::process::agent_process::{AgentConfig, AgentProcess, AgentServices};
 use crate::process::args::AgentArgs;
+use crate::process::bounds::most_neighbours;
 use crate::process::orphan_watch::OrphanWatch;
 use crate::run_dir::controller_lease::ControllerLease;
 use crate::run_dir::counter_file::{CounterFile, CounterFileError};

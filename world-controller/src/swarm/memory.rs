@@ -15,6 +15,7 @@ use crate::swarm::{MODULE_LIMIT, SwarmOptions, catch_signals};
 use metamorph_module_agent::AgentError;
 use metamorph_module_agent::clock::source::{ClockSource, MemoryClock};
 use metamorph_module_agent::journal_file::Parts;
+use metamorph_module_agent::most_neighbours;
 use metamorph_module_agent::process::agent_process::{AgentConfig, AgentProcess, AgentServices};
 use metamorph_module_agent::process::start::begin_journal;
 use metamorph_module_agent::run_dir::counter_file::{AgentCounters, SharedCounters};
@@ -144,7 +145,7 @@ impl Drop for TellsEnd {
 
 impl<A: Agent> ThreadLauncher<A> {
     fn spawn(&mut self, agent: AgentKey) -> io::Result<()> {
-        let transport = self.network.agent(agent, A::PORTS);
+        let transport = self.network.agent(agent, most_neighbours::<A>(self.config.count as usize));
         let control = transport.control();
         let counters = SharedCounters::default();
         self.counters.insert(agent, counters.clone());
