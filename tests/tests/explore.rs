@@ -94,20 +94,20 @@ macro_rules! known_defects {
 
 known_defects! {
     finds_ignored_sessions: CUBE, IgnoreSessions, 400;
-    finds_missing_deadlines: CUBE, NoDeadline, 800;
+    finds_missing_deadlines: CUBE, NoDeadline, 100, from 1_601;
     finds_short_leases: CUBE, ShortLease, 400;
     finds_ignored_locks: CUBE, IgnoreLocks, 400;
     finds_locks_that_are_kept: CUBE, KeepLocks, 400;
     finds_cells_kept_twice: CUBE, ReserveTwice, 400;
     finds_forgotten_children: CUBE, DropSilentChildren, 400;
     finds_unacknowledged_parents: CUBE, AdoptUnacknowledged, 400;
-    finds_restarts_without_listening: CUBE, NoListening, 400;
+    finds_restarts_without_listening: CUBE, NoListening, 100, from 901;
     finds_ignored_strangers: CUBE, IgnoreStrangers, 400;
     finds_shallow_searches: CUBE, ShallowSearch, 400;
-    finds_stale_distances: CUBE, AcceptStaleValues, 400;
+    finds_stale_distances: CUBE, AcceptStaleValues, 400, from 401;
     finds_walled_in_cells: CUBE, AnyLowerOnSolids, 2_000;
     finds_holders_without_proof: CUBE, LetGoUnproved, 400;
-    finds_children_taken_for_proof: CUBE, ChildProves, 100, from 1_801;
+    finds_children_taken_for_proof: CUBE, ChildProves, 100, from 4_301;
     finds_careless_grants: METAMODULE, GrantEverything, 60;
     finds_moves_without_requests: METAMODULE, AskNone, 60;
     finds_forgotten_locks: METAMODULE, ForgetLocks, 60;

@@ -47,6 +47,7 @@ struct Timed {
     open: u8,
     is_quarantined: bool,
     is_stranded: bool,
+    is_called_here: bool,
     /// The module has been at its cell for longer than `suspect`, and so asks its children for a path as well.
     asks_children: bool,
 }
@@ -196,6 +197,7 @@ impl Cube {
             open: self.sides.open_mask(),
             is_quarantined: self.own.is_quarantined(now),
             is_stranded: self.is_stranded(now),
+            is_called_here: self.is_called_here(),
             asks_children: now.since(self.own.settled) > self.own.params().suspect,
         }
     }
@@ -209,7 +211,7 @@ impl Cube {
             epoch: own.epoch,
             role: own.role,
             attached: self.forest.is_attached(v),
-            immobile: own.immobile || self.is_stranded(now),
+            immobile: own.immobile || self.is_stranded(now) || self.is_called_here(),
             supported_here: false,
             wants_you: false,
             quarantined: v.is_quarantined(),

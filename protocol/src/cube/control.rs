@@ -1,5 +1,6 @@
 //! Orders of the world-controller to a cube, and reports of a cube to it.
 
+use super::call::Way;
 use super::message::{NO_MODULE, Role};
 use super::steering::Steering;
 use crate::ids::{ModuleId, Port, Session};
@@ -37,6 +38,15 @@ pub enum Order {
         steering: Steering,
         /// The end of its lease.
         until: Time,
+    },
+    /// Walk along this way, and stay at its end, since nothing moves any more.
+    Call {
+        /// The goal for which this holds.
+        epoch: u16,
+        /// The end of the call.
+        until: Time,
+        /// The way.
+        way: Way,
     },
 }
 
@@ -86,6 +96,7 @@ impl Wire for Order {
             Order::Condemn { .. } => 1,
             Order::Custody(_) => 2,
             Order::Steer { .. } => 3,
+            Order::Call { .. } => 4,
         }
     }
     fn encode(&self, out: &mut Encoder) {
@@ -109,6 +120,11 @@ impl Wire for Order {
                 steering.encode(out);
                 out.u64(until.0);
             }
+            Order::Call { epoch, until, way } => {
+                out.u16(*epoch);
+                out.time(*until);
+                way.encode(out);
+            }
         }
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Order, WireError> {
@@ -129,6 +145,7 @@ impl Wire for Order {
                 is_final: from.bool("final")?,
             })),
             3 => Ok(Order::Steer { steering: Steering::decode(from)?, until: Time(from.u64()?) }),
+            4 => Ok(Order::Call { epoch: from.u16()?, until: from.time()?, way: Way::decode(from)? }),
             _ => Err(WireError::Kind(kind)),
         }
     }

@@ -27,6 +27,7 @@ impl Cube {
             rng,
             tokens,
             steered,
+            called,
             reporter: _,
             wanted: _,
             finals: _,
@@ -58,8 +59,9 @@ impl Cube {
         (immobile, prevented, restarted).hash(hasher);
         quarantine_until.hash(hasher);
         planner.digest(hasher, DigestPart::Targets);
-        // Without commands the hash is that of a swarm that knows none.
+        // Without commands and calls the hash is that of a swarm that knows none.
         steered.iter().for_each(|steered| steered.hash(hasher));
+        called.iter().for_each(|called| called.hash(hasher));
         for face in Face::ALL {
             sides.digest(face, hasher);
             forest.child(face).hash(hasher);

@@ -7,7 +7,7 @@
 //! * `attraction` — the field towards unfilled goal cells, on faces of empty surface cells;
 //! * `parent_forest`, `custody`, `cycles` — the connectivity checks, and which module stays for a dead neighbour;
 //! * `lock_table`, `negotiation` — locks and reservations along routes, with leases;
-//! * `motion_planner` — where to go, and when;
+//! * `motion_planner` — where to go, and when; `call`, `steering` — where the controller leads it;
 //! * `beacon` — telling the neighbours; `reporter` — telling the world-controller;
 //! * `view` — what the parts read: the module itself, its neighbours, the time of the step.
 //!
@@ -18,6 +18,7 @@
 mod attraction;
 mod beacon;
 pub mod body;
+pub mod call;
 pub mod control;
 mod custody;
 mod cycles;
@@ -53,6 +54,7 @@ use crate::time::{Span, Time};
 use attraction::Attraction;
 use beacon::Beacons;
 use body::{Move, Percept};
+use call::Called;
 use control::{Order, Status};
 use lock_table::LockTable;
 use message::{Beacon, Message, RequestId, Role};
@@ -93,6 +95,8 @@ pub struct Cube {
     tokens: Tokens,
     /// What an operator commands.
     steered: Option<Steered>,
+    /// Where the controller leads it, when nothing moves any more.
+    called: Option<Box<Called>>,
     /// Faces outside which this finalized module wants the cell filled; computed in every step.
     wanted: u8,
     /// Faces with a live neighbour that is finalized for the same goal; computed in every step.
@@ -157,10 +161,12 @@ enum Timer {
     Lease,
     /// The end of listening after a restart.
     Quarantine,
+    /// The end of a call.
+    Call,
 }
 
 impl Timer {
-    const ALL: [Timer; 7] = [
+    const ALL: [Timer; 8] = [
         Timer::Decision,
         Timer::Answers,
         Timer::Beacon,
@@ -168,6 +174,7 @@ impl Timer {
         Timer::Refresh,
         Timer::Lease,
         Timer::Quarantine,
+        Timer::Call,
     ];
 }
 
@@ -231,6 +238,7 @@ impl Agent for Cube {
             // Tokens of earlier incarnations may still be under way.
             tokens: Tokens(u32::from(birth.incarnation.0) << 20),
             steered: None,
+            called: None,
             wanted: 0,
             finals: 0,
             filled: 0,
@@ -327,15 +335,20 @@ impl Cube {
 
     /// Returns true if a certified dead neighbour would have started this cell: rule G1 allows it, the neighbour was
     /// finalized or is held by a finalized module, and rule G2 is met, which demands that the lower neighbours of
-    /// the cell are filled, except in a scaffold.
+    /// the cell are filled, except in a scaffold. A module that was called to its cell, has rested there for long or
+    /// has restarted is started by any dead neighbour in a goal cell, as it would be out of turn by a live one.
     fn is_started_by_dead(&self, now: Time) -> bool {
         let (v, masks) = (self.view(now), &self.own.masks);
-        let dead = v.sides.certified_mask() & masks.starters;
-        if dead == 0 || !custody::is_kept(v) || self.own.restarted {
+        // A module that has restarted in its cell stays there in any case.
+        let rests = now.since(self.own.settled) > v.params().out_of_turn_after;
+        let out_of_turn = self.is_called_here() || self.own.restarted || rests;
+        let dead = v.sides.certified_mask() & if out_of_turn { masks.cells } else { masks.starters };
+        if dead == 0 || !custody::is_kept(v) {
             return false;
         }
         let is_filled = |f: Face| v.sides.is_certified_dead(f) || v.live(f).is_some_and(|b| v.is_final(b));
-        let may_grow = self.own.grows_as() == Growth::Scaffold
+        let may_grow = out_of_turn
+            || self.own.grows_as() == Growth::Scaffold
             || Face::ALL.into_iter().all(|f| masks.own_lower & f.bit() == 0 || is_filled(f));
         let is_fixed = |f: Face| v.died_finalized(f) || self.forest.custody().is_fixed(f);
         may_grow && Face::ALL.into_iter().any(|f| dead & f.bit() != 0 && is_fixed(f))
@@ -345,6 +358,7 @@ impl Cube {
         (self.own.role, self.own.activator, self.own.support) = (Role::Final, activator, None);
         self.forest.on_finalized();
         self.planner.on_finalized();
+        self.called = None;
         self.touch();
     }
 
@@ -469,6 +483,7 @@ impl Cube {
                 }
             }
             Order::Steer { steering, until } => self.on_steering(now, steering, until),
+            Order::Call { epoch, until, way } => self.on_call(now, epoch, until, way),
             Order::Custody(announcement) => {
                 self.follow_epoch(now, announcement.epoch);
                 let v = View { now, own: &self.own, sides: &self.sides };
@@ -497,14 +512,16 @@ impl Cube {
         self.forest.on_goal();
         self.planner.on_goal();
         self.attraction.on_goal();
+        self.called = None;
         self.touch();
     }
 
-    /// Checks whether a module in reserve may leave the body, as far as it knows: it is attached, no other
-    /// module holds a lock on it, and no neighbour hangs on it.
+    /// Checks whether a module in reserve may leave the body, as far as it knows: it is attached, or at the end of a
+    /// branch, no other module holds a lock on it, and no neighbour hangs on it.
     fn may_leave(&self, now: Time) -> Result<(), Held> {
         let v = self.view(now);
-        if !self.forest.is_attached(v) || v.is_quarantined() || v.may_be_final() {
+        let is_free = self.forest.is_attached(v) || self.forest.is_end(v);
+        if !is_free || v.is_quarantined() || v.may_be_final() {
             return Err(Held(None));
         }
         let holder = self.locks.holder(now).filter(|_| !v.has(Defect::IgnoreLocks));
@@ -523,6 +540,7 @@ impl Cube {
         {
             self.follow_epoch(now, epoch);
         }
+        self.tend_call(now);
         self.take_root(now);
         self.finalize_if_wanted(now);
         self.tend_forest(now);
@@ -546,14 +564,30 @@ impl Cube {
         self.wake = next.unwrap_or(Time::NEVER).max(now + Span(1));
     }
 
+    /// Returns true if this is a walker that has rested for long and hears of no target. It takes a place in the forest, so
+    /// that it carries others and passes distances on.
+    fn parks(&self, now: Time) -> bool {
+        let rests = now.since(self.own.settled) > self.own.params().parks_after();
+        self.own.role == Role::Walker
+            && rests
+            && self.is_idle()
+            && self.called.is_none()
+            && !self.own.masks.own
+            && !self.is_attracted(now)
+    }
+
     fn tend_forest(&mut self, now: Time) {
         let (is_idle, v) = (self.is_idle(), View { now, own: &self.own, sides: &self.sides });
         let effect = match v.params().connectivity {
-            Connectivity::Forest => self.forest.tend(v, is_idle, &mut self.tokens),
+            Connectivity::Forest => self.forest.tend(v, is_idle, self.parks(now), &mut self.tokens),
             // With cycles the gradient only tells which modules are farther out, and should leave first.
             Connectivity::Gradient | Connectivity::Cycles => self.forest.tend_gradient(v),
         };
         let is_news = self.forest.tend_custody(v, self.moving.is_some());
+        if self.own.role == Role::Walker && self.forest.parent().is_some() {
+            hit(CoveragePoint::CubeParked);
+            (self.own.role, self.own.support) = (Role::Reserve, None);
+        }
         if effect != Effect::None || is_news {
             self.touch();
         }
@@ -573,6 +607,7 @@ impl Cube {
             Timer::Quarantine if self.own.is_quarantined(now) => self.own.quarantine_until,
             Timer::Refresh | Timer::Quarantine => Time::NEVER,
             Timer::Lease => self.locks.next_expiry(),
+            Timer::Call => self.call_ends().unwrap_or(Time::NEVER),
         }
     }
 }

@@ -1,5 +1,4 @@
-//! Where to go: the motion that leads towards a target, when a module leaves for it, and the random walk of a
-//! walker without a target.
+//! Where to go: the motion that leads towards a target, and when a module leaves for it.
 
 use super::Cube;
 use super::attraction::Attraction;
@@ -29,25 +28,8 @@ const DETOUR: u16 = 12;
 /// Number of deferrals after which a module sometimes accepts a detour of two moves.
 const WIDE_DETOUR: u16 = 40;
 
-/// Number of moves that a walker without a target tries one after the other. Later moves come after pauses, each twice
-/// as long as the one before, so that a swarm without work comes to rest. It never stops for good, since it may be in
-/// the way where it stands.
-const ROAMING: u8 = 100;
-/// The largest number of times that the pause between moves doubles.
-const LONGEST_ROAMING: u8 = 30;
 /// The largest number of targets that a module in reserve remembers.
 const MAX_TARGETS: usize = 24;
-
-/// The random walk of a walker without a target. It can lead to targets that the field does not show: distances pass
-/// from module to module along the surface, but not past a dead module in the corner between two, where a walker still
-/// gets through.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-struct RandomWalk {
-    since: Time,
-    tries: u8,
-    /// Its cell when it last tried.
-    from: Cell,
-}
 
 /// A target known to a module in reserve. A module leaves for a target only after it has known it for
 /// [`Params::recruit_per_move`] per move of its distance. So each target recruits from a growing circle, and few more
@@ -108,8 +90,6 @@ pub(super) struct MotionPlanner {
     pub corners_seen: [u8; 6],
     /// Targets heard of while in reserve.
     targets: Vec<Target>,
-    /// The random walk, while no target is known to a walker.
-    walk: Option<RandomWalk>,
 }
 
 impl MotionPlanner {
@@ -124,7 +104,6 @@ impl MotionPlanner {
             failed: 0,
             corners_seen: [0; 6],
             targets: Vec::new(),
-            walk: None,
         }
     }
 
@@ -140,12 +119,11 @@ impl MotionPlanner {
             failed,
             corners_seen,
             targets,
-            walk,
         } = self;
         match part {
             DigestPart::Waiting => (back_off_until, waiting_since, waits_for).hash(hasher),
             DigestPart::Failures => (deferrals, denied, failed).hash(hasher),
-            DigestPart::Targets => (corners_seen, targets, walk).hash(hasher),
+            DigestPart::Targets => (corners_seen, targets).hash(hasher),
         }
     }
     /// Returns the directions in which the corner over a support was found blocked.
@@ -158,7 +136,7 @@ impl MotionPlanner {
     }
     /// Starts over with another goal.
     pub fn on_goal(&mut self) {
-        (self.deferrals, self.waiting_since, self.walk) = (0, None, None);
+        (self.deferrals, self.waiting_since) = (0, None);
     }
     /// Notes that the module stands at a new cell, by a move of its own or of an earlier incarnation.
     pub fn on_arrival(&mut self) {
@@ -203,6 +181,10 @@ impl MotionPlanner {
     pub fn decide_soon(&mut self, now: Time) {
         self.decide_at = self.decide_at.min(self.back_off_until.max(now));
     }
+    /// Ends a back-off, because the reason for the attempts before is gone.
+    pub fn end_back_off(&mut self, now: Time) {
+        (self.back_off_until, self.denied) = (now, 0);
+    }
     fn decide_later(&mut self, now: Time, p: &Params) {
         self.deferrals = self.deferrals.saturating_add(1);
         self.decide_at = now + p.advertise;
@@ -224,9 +206,8 @@ impl MotionPlanner {
     fn choose(&mut self, v: View<'_>, courses: &Courses, rng: &mut Rng) -> Option<Motion> {
         let Some(nearest) = courses.known.iter().map(|o| o.moves).min() else {
             self.stop_waiting();
-            return self.random_walk(v, &courses.blind, rng);
+            return None;
         };
-        self.walk = None;
         if v.own.role == Role::Reserve
             && let Some(source) = courses.known.iter().find(|o| o.moves == nearest).map(|o| o.source)
         {
@@ -252,30 +233,6 @@ impl MotionPlanner {
             hit(CoveragePoint::CubeDetour);
         }
         Some(best.motion)
-    }
-
-    /// Moves anywhere but back, after no target has been known for long.
-    fn random_walk(&mut self, v: View<'_>, ways: &[Motion], rng: &mut Rng) -> Option<Motion> {
-        if v.own.role != Role::Walker {
-            return None;
-        }
-        let (p, cell, now) = (v.params(), v.own.cell, v.now);
-        let walk = self.walk.get_or_insert(RandomWalk { since: now, tries: 0, from: cell });
-        let go = match walk.tries {
-            0 => walk.since + p.out_of_turn_after,
-            1..ROAMING => v.own.settled + p.first_words(),
-            tries => walk.since + p.out_of_turn_after * (2 << (tries - ROAMING).min(LONGEST_ROAMING)),
-        };
-        if now < go {
-            self.decide_at = go;
-            return None;
-        }
-        let onward: Vec<Motion> = ways.iter().copied().filter(|m| m.destination(cell) != walk.from).collect();
-        let ways = if onward.is_empty() { ways } else { &onward };
-        let motion = *ways.get(rng.below(ways.len().max(1) as u64) as usize)?;
-        (walk.tries, walk.from) = (walk.tries.saturating_add(1), cell);
-        hit(CoveragePoint::CubeRoamed);
-        Some(motion)
     }
 
     /// Notes that a target has been heard of.
@@ -324,8 +281,7 @@ impl Courses {
         known.chain(self.blind.iter().copied())
     }
 
-    /// Evaluates the motions over every live support; those that lead to no known target only of walkers, or if `all`
-    /// are asked for.
+    /// Evaluates the motions over every live support; those that lead to no known target only if `all` are asked for.
     fn around(v: View<'_>, all: bool) -> Courses {
         let mut courses = Courses::default();
         for support in Face::ALL {
@@ -355,7 +311,7 @@ impl Courses {
         if entry.is_known() {
             let (moves, source, over_loose) = (entry.moves(), entry.source, b.role != Role::Final);
             self.known.push(Course { moves, source, over_loose, motion, behind });
-        } else if behind.is_none() && (all || v.own.role == Role::Walker) {
+        } else if behind.is_none() && all {
             self.blind.push(motion);
         }
     }
@@ -391,6 +347,10 @@ impl Cube {
             self.touch();
         }
         let steered = self.steered_at(now);
+        let is_called = steered.is_none() && self.call_ends().is_some();
+        if is_called && self.is_called_here() {
+            return;
+        }
         if let Some(Steered { steering: Steering::Hold, until }) = steered {
             self.planner.decide_at = until;
             return;
@@ -406,9 +366,19 @@ impl Cube {
                 self.planner.waits_for = held.0;
                 return;
             }
-            if steered.is_none() && self.planner.waits_for_outer(self.view(now), self.forest.rank().label) {
+            if steered.is_none()
+                && !is_called
+                && self.planner.waits_for_outer(self.view(now), self.forest.rank().label)
+            {
                 return self.planner.decide_later(now, self.own.params());
             }
+        }
+        if is_called {
+            // Until the next motion is possible, each neighbour message decides again.
+            if let Some(motion) = self.called_motion() {
+                self.begin_attempt(now, motion);
+            }
+            return;
         }
         let v = View { now, own: &self.own, sides: &self.sides };
         let courses = Courses::around(v, steered.is_some());
@@ -479,6 +449,7 @@ impl Cube {
         self.forest.on_arrival();
         self.planner.on_arrival();
         self.locks.clear();
+        self.on_step(cell);
         self.touch();
     }
 }

@@ -69,6 +69,10 @@ impl Cube {
     pub(super) fn ask_for_destination(&mut self, now: Time) {
         use crate::lattice::MotionKind::{Convex, Slide};
         let Some(Attempt { motion, .. }) = self.attempt else { return };
+        if self.sides.is_certified_dead(motion.support) {
+            // It grants nothing, and does not leave.
+            return self.launch_if_granted(now);
+        }
         let (hops, face): (&[Face], Face) = match motion.kind {
             Slide => (&[motion.support, motion.heading], motion.support.opposite()),
             Convex => (&[motion.support], motion.heading),
@@ -159,11 +163,18 @@ impl Cube {
             hit(CoveragePoint::CubeRequestRepeated);
             return self.answer(from, id, hop - 1, None, None, co_owners, route);
         }
-        let verdict = self.consider(now, id, age, next, ask);
+        let is_last = route.hop(depth + 1).is_none();
+        let verdict = self.consider(now, id, age, (next, is_last), ask);
         match (verdict, next) {
             (Err((denial, blocker)), _) => {
                 hit(denial.mark());
                 self.answer(from, id, hop - 1, Some(denial), blocker, 0, route);
+            }
+            (Ok(()), Some(next)) if self.sides.is_certified_dead(next) => {
+                // The last module of the route is dead: it needs no lock, and keeps no cell free.
+                hit(CoveragePoint::CubeLandsOnDead);
+                self.locks.granted_beyond(id, 0);
+                self.answer(from, id, hop - 1, None, None, 0, route);
             }
             (Ok(()), Some(next)) => {
                 let class = if ask == Ask::Lock { Class::Connectivity } else { Class::Negotiation };
@@ -185,12 +196,13 @@ impl Cube {
     }
 
     /// Grants a request, which may be a repeated one, or returns the reason for the denial and the module in the way.
+    /// `next` is the face over which it is passed on, and whether the neighbour there is the last of the route.
     fn consider(
         &mut self,
         now: Time,
         id: RequestId,
         age: Span,
-        next: Option<Face>,
+        (next, is_last): (Option<Face>, bool),
         ask: Ask,
     ) -> Result<(), (Denial, Option<ModuleId>)> {
         if self.locks.find(id).is_some() {
@@ -220,6 +232,8 @@ impl Cube {
         }
         let mut reserved = None;
         match (next, ask) {
+            // A module that is called over the dead lands on one.
+            (Some(next), Ask::Reserve(_)) if is_last && self.sides.is_certified_dead(next) => {}
             (Some(next), _) => {
                 if self.sides.support(next).is_none() {
                     return Err((Denial::NoSupport, self.sides.peer(next).map(|b| b.id)));
@@ -330,7 +344,8 @@ impl Cube {
 
     pub(super) fn launch_if_granted(&mut self, now: Time) {
         let ready = self.attempt.as_ref().is_some_and(|a| {
-            a.search.is_none() && !a.requests.is_empty() && a.requests.iter().all(|r| r.granted)
+            let is_asked = !a.requests.is_empty() || self.sides.is_certified_dead(a.motion.support);
+            a.search.is_none() && is_asked && a.requests.iter().all(|r| r.granted)
         });
         if !ready {
             return;

@@ -136,6 +136,10 @@ impl Params {
     pub fn first_words(&self) -> Span {
         self.usual_delay + self.advertise * 6
     }
+    /// Returns how long a walker rests without a target before it takes a place in the forest again.
+    pub fn parks_after(&self) -> Span {
+        self.out_of_turn_after / 4
+    }
     /// Returns the latest start of a move, counted from its first request: `lease·(1−drift) − move − skew`. The mover
     /// sets the deadline by its own clock, and the body compares it with the controller's.
     pub fn start_within(&self) -> Span {

@@ -217,7 +217,7 @@ impl ParentForest {
     pub fn register_child(&mut self, v: View<'_>, is_idle: bool, face: Face, beacon: &Beacon) {
         let can_adopt = v.own.role != Role::Walker && self.is_attached(v) && is_idle && !v.is_quarantined();
         let child = match beacon.claim {
-            _ if beacon.role != Role::Reserve || beacon.epoch != v.own.epoch => None,
+            _ if beacon.role == Role::Final || beacon.epoch != v.own.epoch => None,
             // A beacon sent before its death came late.
             _ if v.died_finalized(face) => None,
             Claim::None => None,
@@ -240,6 +240,17 @@ impl ParentForest {
         }
     }
 
+    /// Returns true if the module touches one other only, and that one does not hang on it. It connects no others, so it
+    /// may leave although it has no place in the forest, as behind dead modules.
+    pub fn is_end(&self, v: View<'_>) -> bool {
+        let mut touched = Face::ALL.into_iter().filter(|f| v.sides.is_touching(*f));
+        let only = touched.next().filter(|_| touched.next().is_none());
+        v.params().connectivity == Connectivity::Forest
+            && only.is_some_and(|f| {
+                v.sides.is_certified_dead(f) || v.live(f).is_some_and(|b| b.claim == Claim::None)
+            })
+    }
+
     /// Returns the rank that the neighbours are told.
     pub fn told_rank(&self, v: View<'_>) -> Rank {
         let is_lost = v.params().connectivity == Connectivity::Forest && !self.is_attached(v);
@@ -249,9 +260,11 @@ impl ParentForest {
     /// Returns the claim that a neighbour is told.
     pub fn claim(&self, v: View<'_>, face: Face) -> Claim {
         match (v.params().connectivity, v.own.role) {
-            (_, Role::Final | Role::Walker) | (Connectivity::Cycles, _) => Claim::None,
+            (_, Role::Final) | (Connectivity::Cycles, _) | (Connectivity::Gradient, Role::Walker) => {
+                Claim::None
+            }
             (Connectivity::Gradient, Role::Reserve) => self.gradient_claim(v, face),
-            (Connectivity::Forest, Role::Reserve) => match (self.want, self.parent) {
+            (Connectivity::Forest, Role::Reserve | Role::Walker) => match (self.want, self.parent) {
                 (Some((f, token)), _) if f == face => Claim::Want(token),
                 (_, Some(f)) if f == face => Claim::Parent(PARENT_TOKEN),
                 _ => Claim::None,
@@ -260,11 +273,15 @@ impl ParentForest {
     }
 
     /// Adopts the wanted parent once it has acknowledged, follows the parent's rank, and looks for a better
-    /// parent.
-    pub fn tend(&mut self, v: View<'_>, is_idle: bool, tokens: &mut Tokens) -> Effect {
+    /// parent. A walker does so only if it `parks`, and is in reserve once it has a parent.
+    pub fn tend(&mut self, v: View<'_>, is_idle: bool, parks: bool, tokens: &mut Tokens) -> Effect {
         match v.own.role {
             Role::Reserve => {}
-            Role::Walker => return Effect::None,
+            Role::Walker if parks => {}
+            Role::Walker => {
+                let is_told = self.want.take().is_some();
+                return if is_told { Effect::Tell } else { Effect::None };
+            }
             Role::Final => return if self.renew_root(v) { Effect::Tell } else { Effect::None },
         }
         let before = (self.parent, self.rank, self.want, self.renew);
@@ -490,6 +507,9 @@ impl ParentForest {
         if self.custody.is_announced(face) && !v.has(Defect::ForgetSaid) {
             return Some(Held(v.peer(face).map(|b| b.id)));
         }
+        if v.sides.is_certified_dead(face) && !self.is_attached(v) && self.is_end(v) {
+            return None;
+        }
         let Some(b) = v.peer(face) else {
             return (!v.has(Defect::IgnoreStrangers)).then_some(Held(None));
         };
@@ -504,7 +524,9 @@ impl ParentForest {
             Role::Reserve if v.params().connectivity == Connectivity::Cycles => {
                 !silent && !v.sides.is_certified_dead(face)
             }
-            Role::Reserve => b.attached && b.claim == Claim::None && self.child(face).is_none(),
+            Role::Reserve => {
+                (b.attached || self.is_end(v)) && b.claim == Claim::None && self.child(face).is_none()
+            }
         };
         (!free).then_some(Held(Some(b.id)))
     }

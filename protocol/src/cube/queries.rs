@@ -133,6 +133,10 @@ impl Cube {
     pub fn is_listening(&self, now: Time) -> bool {
         self.own.is_quarantined(now)
     }
+    /// Returns true if the module may have been finalized before it restarted: then it stays for good.
+    pub fn may_be_final(&self, now: Time) -> bool {
+        self.view(now).may_be_final()
+    }
     /// Returns true if the module has restarted and cannot know its former role.
     pub fn has_restarted(&self) -> bool {
         self.own.restarted
@@ -144,6 +148,10 @@ impl Cube {
     /// Returns true if the module stands at the seed of its goal.
     pub fn is_root(&self) -> bool {
         self.own.masks.seed
+    }
+    /// Returns the cell from which the module's goal grows.
+    pub fn seed(&self) -> Cell {
+        self.own.goal().seed()
     }
     /// Returns the face of the finalized neighbour that made this module finalized; `None` for the seed.
     pub fn activator(&self) -> Option<Face> {

@@ -57,7 +57,7 @@ impl Cube {
         }
     }
 
-    fn is_attracted(&self, now: Time) -> bool {
+    pub(super) fn is_attracted(&self, now: Time) -> bool {
         let v = self.view(now);
         Face::ALL.into_iter().filter_map(|f| v.support(f)).any(|b| b.field.iter().any(|e| e.is_known()))
     }

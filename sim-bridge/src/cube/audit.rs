@@ -238,9 +238,10 @@ impl Audited for CubeWorld {
             self.audit_left_behind(now, id, agents, found);
         }
         if let Some(grantor) = agents.get(landing)
-            // Finalized modules stay in any case, restarted ones until they have listened long enough.
+            // Finalized modules stay in any case, also after a restart, and restarted ones until they have listened.
             && grantor.role() != Role::Final
             && !grantor.is_listening(agents.clock(landing).local(now))
+            && !grantor.may_be_final(agents.clock(landing).local(now))
         {
             let granted = grantor.locked_for(id).map(|until| agents.clock(landing).global(until));
             let check = move_within_lease(now, self.move_time(), granted);

@@ -68,10 +68,15 @@ impl CubeWorld {
         let Some(last) = agents.last(dead).filter(|_| !self.is_moving(dead)) else { return };
         let beside = Face::ALL.into_iter().filter_map(|f| Some((self.neighbour(dead, f)?, f.opposite())));
         let beside: Vec<(ModuleId, Face)> = beside.filter(|(id, _)| !self.is_moving(*id)).collect();
-        let is_of_present_goal =
-            |(id, _): &(ModuleId, Face)| agents.get(*id).is_none_or(|cube| cube.epoch() <= last.epoch());
-        // Growth starts from the seed: it hangs on no other, whatever it has forgotten.
-        if (last.role() == Role::Final || last.is_root()) && beside.iter().all(is_of_present_goal) {
+        // Growth starts from the seed: the module there hangs on no other, whatever it has forgotten.
+        let was_root = last.role() == Role::Final || last.is_root();
+        let is_root_for = |(id, _): &(ModuleId, Face)| {
+            agents.get(*id).is_none_or(|cube| {
+                cube.seed() == self.cell(dead) || (was_root && cube.epoch() <= last.epoch())
+            })
+        };
+        let is_touched = beside.iter().any(|(id, _)| agents.get(*id).is_some());
+        if (was_root || is_touched) && beside.iter().all(is_root_for) {
             return;
         }
         // A dead parent stays, and is held itself.

@@ -2,9 +2,8 @@
 //! for.
 
 use crate::cube::reachability::{ModuleSnapshot, StandstillSnapshot};
-use crate::cube::reasons::{
-    CUT_OFF, HEARS_OF_NO_TARGET, HOLDS_DEAD, IMMOBILE, NEEDS_DEAD_SUPPORT, PINNED, UNATTACHED,
-};
+use crate::cube::reasons::{HEARS_OF_NO_TARGET, HOLDS_DEAD, IMMOBILE, PINNED, UNATTACHED};
+use crate::cube::registrar::Registrar;
 use crate::cube::world::CubeWorld;
 use crate::director::outcome::{Stall, Waiter};
 use crate::director::reason::Why;
@@ -34,6 +33,10 @@ pub struct Known {
 impl Known {
     pub(crate) fn is_final(&self, stage: u16) -> bool {
         self.status.is_some_and(|s| s.role == Role::Final && s.epoch == stage)
+    }
+    /// True if it is in reserve and has no place in the forest of parents.
+    fn is_unattached(&self) -> bool {
+        self.status.is_some_and(|s| s.role == Role::Reserve && !s.attached)
     }
     fn is_walker(&self) -> bool {
         self.status.is_some_and(|s| s.role == Role::Walker)
@@ -80,7 +83,7 @@ pub fn diagnose(
     } else if targets.is_empty() {
         NO_ACTIVE_TARGET
     } else {
-        let live = walkers_with_a_way(world, known, &spare, &targets, true);
+        let with_a_way = walkers_with_a_way(world, known, &spare, &targets);
         // A cycle over a dead module cannot be locked.
         let may_leave = |id: &ModuleId| {
             connectivity != Connectivity::Cycles
@@ -88,17 +91,11 @@ pub fn diagnose(
                 || is_spared(world, known, *id)
         };
         let is_free = |id: &ModuleId| !is_pinned(world, known, *id) && may_leave(id);
-        let free: Vec<ModuleId> = live.iter().copied().filter(is_free).collect();
-        stall.waiting = live.iter().map(|id| waiter(known, *id)).take(20).collect();
-        let called = called(world, known, &targets, &starts);
-        if free.iter().any(|id| called.contains(id)) {
+        stall.waiting = with_a_way.iter().map(|id| waiter(known, *id)).take(20).collect();
+        if with_a_way.iter().any(is_free) {
             BLOCKED
-        } else if !free.is_empty() {
-            CUT_OFF
-        } else if !live.is_empty() {
+        } else if !with_a_way.is_empty() {
             PINNED
-        } else if !walkers_with_a_way(world, known, &spare, &targets, false).is_empty() {
-            NEEDS_DEAD_SUPPORT
         } else {
             NO_WAY
         }
@@ -110,7 +107,7 @@ pub fn diagnose(
 /// Returns the state of the swarm as the input of a reachability search.
 pub fn snapshot(
     world: &CubeWorld,
-    known: &[Known],
+    (known, registrar): (&[Known], &Registrar),
     goal: &Goal,
     connectivity: Connectivity,
     stage: u16,
@@ -122,7 +119,10 @@ pub fn snapshot(
             alive: of.alive,
             stuck: world.is_stuck(id),
             walker: of.is_walker(),
-            finalized: of.is_final(stage),
+            // The dead module in the seed cell is the root.
+            finalized: of.is_final(stage) || (!of.alive && world.cell(id) == goal.seed()),
+            unattached: of.is_unattached(),
+            held_for_good: !of.alive && registrar.is_held_for_good(id),
             // A module restarted in a goal cell may have been finalized: it stays.
             pinned: of.alive
                 && (is_pinned(world, known, id)
@@ -136,28 +136,6 @@ pub fn snapshot(
         goal: goal.cells().collect(),
         spared_by_live: connectivity == Connectivity::Cycles,
     }
-}
-
-/// Returns the modules that can hear of a target: those connected, through modules that pass messages on, with
-/// one that can start it. Walkers hear of it, but pass no messages on.
-fn called(
-    world: &CubeWorld,
-    known: &[Known],
-    targets: &BTreeSet<Cell>,
-    starts: &dyn Fn(ModuleId) -> bool,
-) -> BTreeSet<ModuleId> {
-    let beside = |cell: Cell| cell.neighbours().into_iter().filter_map(|n| world.body_at(n));
-    let mut called: BTreeSet<ModuleId> =
-        targets.iter().flat_map(|t| beside(*t)).filter(|id| starts(*id)).collect();
-    let mut front: Vec<ModuleId> = called.iter().copied().collect();
-    while let Some(at) = front.pop() {
-        if known[at.index()].is_walker() {
-            continue;
-        }
-        let hears = beside(world.cell(at)).filter(|id| known[id.index()].alive);
-        front.extend(hears.filter(|id| called.insert(*id)));
-    }
-    called
 }
 
 /// Returns true if the neighbours of a module are connected without it over live modules.
@@ -194,22 +172,20 @@ fn waits_for(known: &[Known], id: ModuleId) -> Option<ModuleId> {
     known.get(id.index())?.status?.waits_for
 }
 
-/// Returns true if a module is pinned by one that cannot move any more: itself, one that it waits for
-/// (directly or through others), or a neighbour outside the parent forest that will never have a place in it.
+/// Returns true if a module is pinned by one that cannot move any more: itself, or one that it waits for, directly or
+/// through others.
 fn is_pinned(world: &CubeWorld, known: &[Known], id: ModuleId) -> bool {
-    let is_loose = |of: &Known| of.status.is_some_and(|s| s.role == Role::Reserve && !s.attached);
     let (mut front, mut seen) = (vec![id], BTreeSet::from([id]));
     while let Some(at) = front.pop() {
         let Some(k) = known.get(at.index()) else { continue };
-        if !k.alive || world.is_stuck(at) || k.status.is_some_and(|s| s.pinned || s.immobile) {
+        // Outside the forest of parents, only the end of a branch leaves.
+        let touched =
+            || world.cell(at).neighbours().into_iter().filter(|c| world.body_at(*c).is_some()).count();
+        let is_lost = k.is_unattached() && touched() > 1;
+        if !k.alive || world.is_stuck(at) || is_lost || k.status.is_some_and(|s| s.pinned || s.immobile) {
             return true;
         }
-        let mut next: Vec<ModuleId> = waits_for(known, at).into_iter().collect();
-        if is_loose(k) {
-            let beside = world.cell(at).neighbours().into_iter().filter_map(|n| world.body_at(n));
-            next.extend(beside.filter(|n| known[n.index()].alive && is_loose(&known[n.index()])));
-        }
-        front.extend(next.into_iter().filter(|n| seen.insert(*n)));
+        front.extend(waits_for(known, at).filter(|n| seen.insert(*n)));
     }
     false
 }
@@ -239,13 +215,12 @@ fn walkers_with_a_way(
     known: &[Known],
     spare: &[ModuleId],
     targets: &BTreeSet<Cell>,
-    only_live: bool,
 ) -> Vec<ModuleId> {
     let reach = {
         let is_support = |cell: Cell| {
             let carries = |id: ModuleId| {
                 let k = &known[id.index()];
-                !(k.alive && k.is_walker()) && (k.alive || !only_live)
+                !(k.alive && k.is_walker())
             };
             world.body_at(cell).is_some_and(carries)
         };
@@ -266,9 +241,7 @@ fn walkers_with_a_way(
             let steps = |world: &CubeWorld| {
                 motions().any(|m| {
                     let to = m.destination(from);
-                    let support = |c: Cell| {
-                        world.body_at(c).is_some_and(|s| s != *id && (known[s.index()].alive || !only_live))
-                    };
+                    let support = |c: Cell| world.body_at(c).is_some_and(|s| s != *id);
                     reach.contains(&to)
                         && support(from.step(m.support))
                         && support(to.step(m.landing_support()))
@@ -366,16 +339,15 @@ mod tests {
         check(&row, &[(true, root), (true, spare), (true, spare)], &tower, BLOCKED);
         check(&row, &[(true, root), (false, spare), (false, spare)], &tower, MATERIAL_EXHAUSTED);
         check(&row, &[(false, root), (true, spare), (true, spare)], &tower, NO_ACTIVE_TARGET);
-        // The end of the row could only walk over the dead middle.
-        check(&row, &[(true, root), (false, spare), (true, spare)], &tower, NEEDS_DEAD_SUPPORT);
+        // The end of the row could walk over the dead middle.
+        check(&row, &[(true, root), (false, spare), (true, spare)], &tower, BLOCKED);
         let pinned = status(Role::Reserve, 0, Some(1), true);
         check(&row, &[(true, root), (true, spare), (true, pinned)], &tower, PINNED);
-        // A path leads over the gap beside the dead middle, but no message passes there.
         let bent = [[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0], [2, 1, 0]];
         let states = [(true, root), (false, spare), (true, spare), (true, spare), (true, spare)];
         check(&bent, &states, &[[0, 0, 0], [0, 0, 1], [0, 1, 0]], BLOCKED);
         let states = [(true, root), (false, spare), (true, spare), (false, spare), (true, spare)];
-        check(&bent, &states, &[[0, 0, 0], [0, 0, 1]], NEEDS_DEAD_SUPPORT);
+        check(&bent, &states, &[[0, 0, 0], [0, 0, 1]], BLOCKED);
         // The only spare module is the one that holds the body together.
         let bridge = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
         let seed_end = status(Role::Final, UP, None, false);

@@ -1,6 +1,7 @@
 //! The director of cubes: opens goals, injects faults, certifies deaths, watches progress and decides how the
 //! run ends. Sans-IO; both drivers carry out its commands.
 
+use crate::cube::calls::{Calls, Standing};
 use crate::cube::diagnosis::{Known, diagnose, snapshot};
 use crate::cube::reachability::StandstillSnapshot;
 use crate::cube::registrar::Registrar;
@@ -24,6 +25,9 @@ use metamorph_protocol::time::{Span, Time};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+/// The part of the time without moves that ends a run after which modules are called.
+const PATIENCE: u64 = 4;
+
 /// The director of a swarm of cubes.
 pub struct Director {
     setup: Arc<Setup>,
@@ -36,6 +40,7 @@ pub struct Director {
     /// The number of modules that are dead, or finalized in the present stage.
     done: usize,
     registrar: Registrar,
+    calls: Calls,
     commands: VecDeque<Command<Order>>,
     filled: usize,
     recount: bool,
@@ -80,6 +85,7 @@ impl Director {
             // Modules are dead until they are started.
             done: modules,
             registrar: Registrar::default(),
+            calls: Calls::default(),
             commands: VecDeque::new(),
             filled: 0,
             recount: true,
@@ -105,7 +111,8 @@ impl Director {
     }
     /// Returns the current state of the swarm as the input of a reachability search.
     pub fn snapshot(&self, world: &CubeWorld) -> StandstillSnapshot {
-        snapshot(world, &self.known, self.goal(), self.setup.params.connectivity, self.stage)
+        let known = (self.known.as_slice(), &self.registrar);
+        snapshot(world, known, self.goal(), self.setup.params.connectivity, self.stage)
     }
     /// Returns the effects of the faults so far.
     pub fn struck(&self) -> &[FaultRecord] {
@@ -280,7 +287,8 @@ impl Director {
             self.moves = motions.completed;
             self.last_move = now;
         }
-        if now >= self.next_check || (self.recount && self.may_be_built()) {
+        let is_checked = now >= self.next_check || (self.recount && self.may_be_built());
+        if is_checked {
             self.next_check = now + self.setup.params.move_time;
             self.count_filled(now, world);
             if self.filled == self.goal().len() {
@@ -302,7 +310,24 @@ impl Director {
         } else if now.since(unfilled_since) > self.stop.livelock {
             self.stall = Some(self.explain(world, unfilled_since));
             self.finish(now, Outcome::Livelock);
+        } else if is_checked {
+            self.call(now, world);
         }
+    }
+
+    /// Calls modules that hear of no goal cell, if something is broken.
+    fn call(&mut self, now: Time, world: &mut CubeWorld) {
+        let is_broken = |k: &Known| !k.alive || k.restarted || k.status.is_some_and(|s| s.immobile);
+        if !self.known.iter().any(is_broken) {
+            return;
+        }
+        let (last_fill, last_fault, last_move) = (self.last_fill, self.last_fault, self.last_move);
+        let standing = Standing { last_fill, last_fault, last_move, patience: self.stop.stall / PATIENCE };
+        // The search reads all but the calls and the commands.
+        let (mut calls, mut commands) = (std::mem::take(&mut self.calls), std::mem::take(&mut self.commands));
+        let of = (self.stage, &self.setup.params);
+        calls.tend(now, standing, world, &|world| self.snapshot(world), of, &mut commands);
+        (self.calls, self.commands) = (calls, commands);
     }
 
     fn may_be_built(&self) -> bool {
@@ -363,8 +388,8 @@ impl DirectorPort<CubeWorld> for Director {
     fn started(&mut self, _now: Time, id: ModuleId) {
         let before = self.known[id.index()].status.map_or(0, |s| s.prevented);
         self.prevented_before += u64::from(before);
-        self.learn(id, Known { alive: true, restarted: true, status: None });
-        self.registrar.started(id);
+        let restarted = self.registrar.started(id) || self.known[id.index()].restarted;
+        self.learn(id, Known { alive: true, restarted, status: None });
         if self.stage > 0 {
             self.commands.push_back(Command::Order(id, Order::Goal { epoch: self.stage }));
         }

@@ -2,6 +2,7 @@
 
 pub mod audit;
 pub mod bodies;
+mod calls;
 mod custody_audit;
 pub mod diagnosis;
 pub mod director;

@@ -6,9 +6,7 @@
 //! been filled; within the others, whether the goal could have been built. A search that ends without a plan
 //! proves that there is none within its rules, because it covers every motion that the rules allow.
 //! Simultaneous moves are covered by moves one after the other: each needs the body connected without all
-//! movers.
-//!
-//! Not here: when and by which neighbour a module is recruited; only that the message can reach it at all.
+//! movers. A plan within the rules of the protocol can be carried out by calls ([`plan`]).
 
 use crate::director::proof::{Found, RuleSet};
 use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
@@ -24,12 +22,16 @@ pub struct ModuleSnapshot {
     pub alive: bool,
     /// True if its joints stick for good.
     pub stuck: bool,
-    /// True if it is a walker: until it is finalized, no module moves over it or hears from it.
+    /// True if it is a walker: until it is finalized, no module moves over it.
     pub walker: bool,
-    /// True if it is part of the finalized structure.
+    /// True if it is part of the finalized structure, or was when it died.
     pub finalized: bool,
+    /// True if it is dead and a finalized module holds it, so that it starts goal cells beside it.
+    pub held_for_good: bool,
     /// True if it holds a broken module, or waits for one that does.
     pub pinned: bool,
+    /// True if it has no place in the forest of parents, so that it leaves only from the end of a branch.
+    pub unattached: bool,
 }
 
 /// The input of a search: the modules at a standstill, and the goal.
@@ -51,7 +53,7 @@ pub struct StandstillSnapshot {
 pub fn widest_proof(snapshot: &StandstillSnapshot, bound: usize) -> Result<RuleSet, Found> {
     let mut proved = None;
     for within in RuleSet::ALL {
-        let bound = if within <= RuleSet::Called { bound } else { bound / 40 };
+        let bound = if within <= RuleSet::Carried { bound } else { bound / 40 };
         match search(snapshot, within, bound) {
             // A goal that is impossible in principle is often easy to detect.
             Found::Impossible(_) if snapshot.is_short_of_modules() => return Ok(RuleSet::Anything),
@@ -64,37 +66,40 @@ pub fn widest_proof(snapshot: &StandstillSnapshot, bound: usize) -> Result<RuleS
 
 /// Searches within the rules, arrangements nearest to the goal first.
 pub fn search(snapshot: &StandstillSnapshot, within: RuleSet, bound: usize) -> Found {
-    let state_space = StateSpace::new(snapshot, within);
-    let start = state_space.movers.clone();
-    if state_space.needs_live() && !state_space.is_enough(&start) && state_space.is_out_of_reach(&start) {
-        return Found::Impossible(1);
-    }
-    let mut seen = BTreeSet::from([start.clone()]);
-    let mut front = BinaryHeap::from([Reverse((state_space.distance(&start), 0, start))]);
-    while let Some(Reverse((_, moves, at))) = front.pop() {
-        if state_space.is_enough(&at) {
-            return Found::Way(moves);
-        }
-        for next in state_space.moves(&at) {
-            if seen.len() >= bound {
-                return Found::Undecided;
-            }
-            if seen.insert(next.clone()) {
-                front.push(Reverse((state_space.distance(&next), moves + 1, next)));
-            }
-        }
-    }
-    Found::Impossible(seen.len())
+    StateSpace::new(snapshot, within).search(bound).0
+}
+
+/// One move of a plan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PlannedMove {
+    /// The cell of the module that moves.
+    pub from: Cell,
+    /// The motion.
+    pub motion: Motion,
+    /// True if the module that it lands on is finalized, or was when it died.
+    pub lands_on_fixed: bool,
+}
+
+/// Returns a plan that fills one more goal cell by the rules of the protocol, if one is found among at most `bound`
+/// arrangements. It is empty if the cell needs no move.
+pub fn plan(snapshot: &StandstillSnapshot, bound: usize) -> Option<Vec<PlannedMove>> {
+    let state_space = StateSpace::new(snapshot, RuleSet::Held);
+    let (found, steps) = state_space.search(bound);
+    matches!(found, Found::Way(_)).then(|| state_space.motions(&steps))
 }
 
 impl StandstillSnapshot {
     fn moves(&self, module: &ModuleSnapshot, within: RuleSet) -> bool {
         let stays = match within {
             RuleSet::Anything => false,
-            RuleSet::Grown | RuleSet::Called => module.finalized,
+            RuleSet::Grown | RuleSet::Carried => module.finalized,
             RuleSet::Held => module.finalized || module.pinned,
         };
         module.alive && !module.stuck && !stays
+    }
+    /// Returns true if a goal cell holds a finalized module, or a dead one.
+    pub(super) fn fills(&self, cell: Cell) -> bool {
+        self.modules.iter().any(|m| m.cell == cell && (m.finalized || !m.alive))
     }
     /// Returns true if fewer modules can move than there are goal cells without an immovable module in them.
     fn is_short_of_modules(&self) -> bool {
@@ -118,8 +123,12 @@ struct StateSpace {
     dead: BTreeSet<Cell>,
     /// Initial cells of walkers, which carry no module before they are finalized.
     walkers: BTreeSet<Cell>,
-    /// Live modules of the finalized structure.
+    /// The finalized structure: its live modules, and dead ones in goal cells that start others.
     roots: BTreeSet<Cell>,
+    /// Modules that were finalized when they died.
+    died_finalized: BTreeSet<Cell>,
+    /// Modules that leave only from the end of a branch.
+    unattached: BTreeSet<Cell>,
 }
 
 impl StateSpace {
@@ -132,31 +141,100 @@ impl StateSpace {
             spared_by_live: snapshot.spared_by_live,
             goal: snapshot.goal.clone(),
             enough: match within {
-                RuleSet::Held | RuleSet::Called => snapshot.filled + 1,
+                RuleSet::Held | RuleSet::Carried => snapshot.filled + 1,
                 RuleSet::Grown | RuleSet::Anything => snapshot.goal.len(),
             },
             movers: cells(&|m| snapshot.moves(m, within)).into_iter().collect(),
             fixed_live: cells(&|m| m.alive && !snapshot.moves(m, within)),
             dead: cells(&|m| !m.alive),
             walkers: cells(&|m| m.walker),
-            roots: cells(&|m| m.alive && m.finalized),
+            // With connecting cycles the dead are not held, and start none.
+            roots: cells(&|m| {
+                let starts = !snapshot.spared_by_live && (m.finalized || m.held_for_good);
+                if m.alive { m.finalized } else { starts && snapshot.goal.contains(&m.cell) }
+            }),
+            died_finalized: cells(&|m| !m.alive && m.finalized),
+            unattached: cells(&|m| m.alive && m.unattached),
         }
     }
 
-    /// Returns true if the rules let only live modules support others and hear of the goal.
-    fn needs_live(&self) -> bool {
-        matches!(self.within, RuleSet::Held | RuleSet::Called)
+    /// Returns true if the rules are those of the protocol, or differ only in which modules may leave: goal cells are
+    /// filled by growth, and walkers do not carry.
+    fn grows(&self) -> bool {
+        matches!(self.within, RuleSet::Held | RuleSet::Carried)
+    }
+
+    /// Searches for an arrangement with enough goal cells filled. Returns the moves to it, as the cells of a module
+    /// before and after.
+    fn search(&self, bound: usize) -> (Found, Vec<(Cell, Cell)>) {
+        let start = self.movers.clone();
+        if self.grows() && !self.is_enough(&start) && self.is_out_of_reach(&start) {
+            return (Found::Impossible(1), Vec::new());
+        }
+        // For each arrangement the one before it, and the move between them.
+        let mut origins: Vec<(usize, (Cell, Cell))> = vec![(0, Default::default())];
+        let mut seen = BTreeSet::from([start.clone()]);
+        let mut front = BinaryHeap::from([Reverse((self.distance(&start), 0, start, 0))]);
+        while let Some(Reverse((_, moves, at, index))) = front.pop() {
+            if self.is_enough(&at) {
+                let mut steps = Vec::with_capacity(moves);
+                let mut last = index;
+                while last != 0 {
+                    let (before, step) = origins[last];
+                    steps.push(step);
+                    last = before;
+                }
+                steps.reverse();
+                return (Found::Way(moves), steps);
+            }
+            for (next, step) in self.moves(&at) {
+                if seen.len() >= bound {
+                    return (Found::Undecided, Vec::new());
+                }
+                if seen.insert(next.clone()) {
+                    front.push(Reverse((self.distance(&next), moves + 1, next, origins.len())));
+                    origins.push((index, step));
+                }
+            }
+        }
+        (Found::Impossible(seen.len()), Vec::new())
+    }
+
+    /// Returns the motions of a plan that was found.
+    fn motions(&self, steps: &[(Cell, Cell)]) -> Vec<PlannedMove> {
+        let mut at = self.movers.clone();
+        let mut planned = Vec::with_capacity(steps.len());
+        for (from, to) in steps.iter().copied() {
+            let grown = self.grown(&at);
+            at.retain(|cell| *cell != from);
+            let possible = |m: &Motion| m.destination(from) == to && self.is_possible(&at, &grown, from, *m);
+            // A live support keeps the destination free for the mover.
+            let is_live = |m: &Motion| self.carries(&at, &grown, from.step(m.support));
+            let live = motions().filter(|m| possible(m) && is_live(m)).min_by_key(|m| m.kind as u8);
+            if let Some(motion) = live.or_else(|| motions().find(possible)) {
+                let lands_on_fixed = self.is_fixed(&grown, to.step(motion.landing_support()));
+                planned.push(PlannedMove { from, motion, lands_on_fixed });
+            }
+            let place = at.partition_point(|c| *c < to);
+            at.insert(place, to);
+        }
+        planned
     }
 
     fn is_live(&self, at: &[Cell], cell: Cell) -> bool {
         at.binary_search(&cell).is_ok() || self.fixed_live.contains(&cell)
     }
-    /// Returns true if others can move over the module in a cell, and hear from it: it has not left its
-    /// initial cell, or is part of the finalized structure.
+    /// Returns true if the live module in a cell grants that others move over it: it has not left its initial cell, or is
+    /// part of the finalized structure.
     fn carries(&self, at: &[Cell], grown: &BTreeSet<Cell>, cell: Cell) -> bool {
         let has_not_set_out = self.fixed_live.contains(&cell)
             || (at.binary_search(&cell).is_ok() && self.movers.binary_search(&cell).is_ok());
-        (has_not_set_out && !self.walkers.contains(&cell)) || grown.contains(&cell)
+        (has_not_set_out && !self.walkers.contains(&cell))
+            || (grown.contains(&cell) && !self.dead.contains(&cell))
+    }
+    /// Returns true if the module in a cell is finalized, or was when it died.
+    fn is_fixed(&self, grown: &BTreeSet<Cell>, cell: Cell) -> bool {
+        (grown.contains(&cell) && !self.dead.contains(&cell)) || self.died_finalized.contains(&cell)
     }
     fn is_taken(&self, at: &[Cell], cell: Cell) -> bool {
         self.is_live(at, cell) || self.dead.contains(&cell)
@@ -167,10 +245,10 @@ impl StateSpace {
         spread(self.roots.iter().copied(), &|c| self.goal.contains(c) && self.is_live(at, *c))
     }
 
-    /// Returns true if enough goal cells are filled. If only live modules support others, a cell counts only if it is
+    /// Returns true if enough goal cells are filled. Where goal cells are filled by growth, a cell counts only if it is
     /// part of the structure grown from the finalized one, or has a dead module in it.
     fn is_enough(&self, at: &[Cell]) -> bool {
-        let grown = self.needs_live().then(|| self.grown(at));
+        let grown = self.grows().then(|| self.grown(at));
         let is_filled = |c: &&Cell| match &grown {
             Some(grown) => self.dead.contains(c) || grown.contains(c),
             None => self.is_taken(at, **c),
@@ -179,17 +257,16 @@ impl StateSpace {
     }
 
     /// Returns true if no module comes to a goal cell that could be filled next, even if all others made way
-    /// and carried at the same time. This detects most swarms that are cut off from the goal at once.
+    /// and carried at the same time. This detects most walled-in cells at once.
     fn is_out_of_reach(&self, at: &[Cell]) -> bool {
         let grown = self.grown(at);
-        // This covers a goal cell that a module leaves, too.
-        let heard = spread(grown.iter().copied(), &|c| self.carries(at, &grown, *c));
         let is_wall = |c: &Cell| self.fixed_live.contains(c) || self.dead.contains(c);
-        let carries = |c: Cell| self.carries(at, &grown, c) || self.goal.contains(&c);
+        let carries =
+            |c: Cell| self.carries(at, &grown, c) || self.dead.contains(&c) || self.goal.contains(&c);
         let mut reached: BTreeSet<Cell> = at.iter().copied().collect();
         let mut front = at.to_vec();
         while let Some(from) = front.pop() {
-            for motion in motions().filter(|m| heard.contains(&from.step(m.support))) {
+            for motion in motions().filter(|m| carries(from.step(m.support))) {
                 let to = motion.destination(from);
                 let is_free = !is_wall(&to) && motion.corner(from).is_none_or(|c| !is_wall(&c));
                 if is_free && carries(to.step(motion.landing_support())) && reached.insert(to) {
@@ -205,59 +282,6 @@ impl StateSpace {
         !self.goal.iter().any(|c| is_next(&c))
     }
 
-    /// Returns the cells whose modules can hear of an unfilled goal cell: those connected over live modules
-    /// with a part of the finalized structure that touches one.
-    fn heard(&self, at: &[Cell], grown: &BTreeSet<Cell>) -> BTreeSet<Cell> {
-        let is_free = |c: &Cell| self.goal.contains(c) && !self.is_taken(at, *c);
-        let starts = |c: &Cell| c.neighbours().iter().any(is_free);
-        spread(grown.iter().copied().filter(starts), &|c| self.carries(at, grown, *c))
-    }
-
-    /// Returns the faces at which the distance to an unfilled goal cell can be known: distances spread along
-    /// the surface, from live module to live module, and end where a dead module stands in a corner.
-    fn surface(&self, at: &[Cell], grown: &BTreeSet<Cell>) -> BTreeSet<(Cell, Face)> {
-        let carries = |c: Cell| self.carries(at, grown, c);
-        let is_free = |c: Cell| self.goal.contains(&c) && !self.dead.contains(&c) && !grown.contains(&c);
-        let mut front: Vec<(Cell, Face)> = grown
-            .iter()
-            .flat_map(|c| Face::ALL.map(|f| (*c, f)))
-            .filter(|(c, f)| is_free(c.step(*f)))
-            .collect();
-        let mut reached: BTreeSet<(Cell, Face)> = front.iter().copied().collect();
-        while let Some((cell, face)) = front.pop() {
-            for heading in face.perpendicular() {
-                let beside = cell.step(heading);
-                let next = match (carries(beside), carries(beside.step(face))) {
-                    (false, _) => (cell, heading),
-                    (true, false) => (beside, face),
-                    (true, true) => (beside.step(face), heading.opposite()),
-                };
-                let outside = next.0.step(next.1);
-                if !carries(outside) && !self.dead.contains(&outside) && reached.insert(next) {
-                    front.push(next);
-                }
-            }
-        }
-        reached
-    }
-
-    /// Returns true if a module that has not left its initial cell hears of an unfilled goal cell from its
-    /// neighbours.
-    fn is_attracted(
-        &self,
-        at: &[Cell],
-        grown: &BTreeSet<Cell>,
-        surface: &BTreeSet<(Cell, Face)>,
-        from: Cell,
-    ) -> bool {
-        Face::ALL.into_iter().filter(|f| self.carries(at, grown, from.step(*f))).any(|support| {
-            let by = from.step(support);
-            support.perpendicular().into_iter().any(|heading| {
-                surface.contains(&(by, heading)) || surface.contains(&(by.step(heading), support.opposite()))
-            })
-        })
-    }
-
     /// Returns a heuristic: for each unfilled goal cell 4 plus the distance of the nearest module outside of the goal,
     /// or plus 100 if there is none.
     fn distance(&self, at: &[Cell]) -> u32 {
@@ -266,23 +290,11 @@ impl StateSpace {
         free.map(|goal| 4 + spare().map(|c| c.manhattan(*goal)).min().unwrap_or(100)).sum()
     }
 
-    /// Returns every arrangement after one move.
-    fn moves(&self, at: &[Cell]) -> Vec<Vec<Cell>> {
-        let grown = if self.needs_live() { self.grown(at) } else { BTreeSet::new() };
-        let heard = self.needs_live().then(|| (self.heard(at, &grown), self.surface(at, &grown)));
+    /// Returns every arrangement after one move, and the move.
+    fn moves(&self, at: &[Cell]) -> Vec<(Vec<Cell>, (Cell, Cell))> {
+        let grown = if self.grows() { self.grown(at) } else { BTreeSet::new() };
         let mut found = Vec::new();
         for (i, from) in at.iter().copied().enumerate() {
-            // A module that has left its cell and hears of no target may still come to a place where it does.
-            // That is assumed only where all modules in between live: behind dead ones only a random walk
-            // finds the path.
-            let has_set_out = self.movers.binary_search(&from).is_err() || self.walkers.contains(&from);
-            let hears = |(heard, surface): &(BTreeSet<Cell>, BTreeSet<(Cell, Face)>)| {
-                (heard.contains(&from) || from.neighbours().iter().any(|n| heard.contains(n)))
-                    && (has_set_out || self.is_attracted(at, &grown, surface, from))
-            };
-            if heard.as_ref().is_some_and(|heard| !hears(heard)) {
-                continue;
-            }
             let mut rest = at.to_vec();
             rest.remove(i);
             let destinations: BTreeSet<Cell> = motions()
@@ -296,21 +308,27 @@ impl StateSpace {
                 let mut next = rest.clone();
                 let place = next.partition_point(|c| *c < to);
                 next.insert(place, to);
-                found.push(next);
+                found.push((next, (from, to)));
             }
         }
         found
     }
 
     fn is_possible(&self, rest: &[Cell], grown: &BTreeSet<Cell>, from: Cell, motion: Motion) -> bool {
-        let carries = |cell: Cell| {
-            if self.needs_live() { self.carries(rest, grown, cell) } else { self.is_taken(rest, cell) }
-        };
         let to = motion.destination(from);
-        carries(from.step(motion.support))
-            && carries(to.step(motion.landing_support()))
-            && !self.is_taken(rest, to)
-            && motion.corner(from).is_none_or(|c| !self.is_taken(rest, c))
+        let (support, landing) = (from.step(motion.support), to.step(motion.landing_support()));
+        let carries = if self.grows() {
+            let live = |cell| self.carries(rest, grown, cell);
+            if self.dead.contains(&support) {
+                // A dead support passes no request on to the module that the mover lands on.
+                support == landing || self.is_fixed(grown, landing)
+            } else {
+                live(support) && (live(landing) || self.dead.contains(&landing))
+            }
+        } else {
+            self.is_taken(rest, support) && self.is_taken(rest, landing)
+        };
+        carries && !self.is_taken(rest, to) && motion.corner(from).is_none_or(|c| !self.is_taken(rest, c))
     }
 
     /// Returns true if the neighbours of a cell are connected without the module that leaves it.
@@ -323,9 +341,31 @@ impl StateSpace {
             let reached = spread(beside.first().copied().into_iter(), counts);
             beside.iter().all(|c| reached.contains(c))
         };
-        let by_live = self.within == RuleSet::Held && self.spared_by_live;
-        together(&|c| self.is_taken(rest, *c))
-            && (!by_live || together(&|c| *c != from && self.carries(rest, grown, *c)))
+        let is_held = self.within == RuleSet::Held;
+        let touched = || from.neighbours().into_iter().filter(|c| self.is_taken(rest, *c)).count();
+        if is_held && self.unattached.contains(&from) && touched() > 1 {
+            return false;
+        }
+        let by_live = is_held && self.spared_by_live;
+        together(&|c| self.is_taken(rest, *c)) && (!by_live || self.is_cycled(rest, grown, from))
+    }
+
+    /// Returns true if cycles of live modules around a cell connect its neighbours, without the module in it. The finalized
+    /// structure counts as one module; a dead one of it answers no search, and only what touches it knows of it.
+    fn is_cycled(&self, rest: &[Cell], grown: &BTreeSet<Cell>, from: Cell) -> bool {
+        let is_live = |c: &Cell| *c != from && self.carries(rest, grown, *c);
+        let beside = from.neighbours();
+        let live: Vec<Cell> = beside.into_iter().filter(is_live).collect();
+        let mut reached = spread(live.first().copied().into_iter(), &is_live);
+        let is_rooted =
+            live.iter().any(|c| grown.contains(c)) || beside.iter().any(|c| self.died_finalized.contains(c));
+        let roots = || grown.iter().copied().filter(is_live);
+        if is_rooted && reached.iter().any(|c| grown.contains(c)) {
+            reached = spread(reached.into_iter().chain(roots()), &is_live);
+        } else if is_rooted && !live.is_empty() {
+            return false;
+        }
+        live.iter().all(|c| reached.contains(c))
     }
 }
 
@@ -357,7 +397,9 @@ mod tests {
         stuck: false,
         walker: false,
         finalized: false,
+        held_for_good: false,
         pinned: false,
+        unattached: false,
     };
 
     fn at(x: i16, y: i16, z: i16) -> ModuleSnapshot {
@@ -398,17 +440,10 @@ mod tests {
         // No module is left.
         let few = snapshot(&[root(0, 0, 0), dead(1, 0, 0)], &tower);
         assert_eq!(widest_proof(&few, 1_000), Ok(RuleSet::Anything));
-        // The end could go over the dead middle, but no message reaches it; and the structure beside it,
-        // where no cell is unfilled, does not tell of cells elsewhere.
-        let cut_off = snapshot(&[root(0, 0, 0), dead(1, 0, 0), at(2, 0, 0)], &tower);
-        assert_eq!(widest_proof(&cut_off, 1_000), Ok(RuleSet::Called));
-        let row = [root(0, 0, 0), dead(1, 0, 0), root(2, 0, 0), at(3, 0, 0)];
-        let cut_off = snapshot(&row, &[[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 0, 1]]);
-        assert_eq!(widest_proof(&cut_off, 1_000), Ok(RuleSet::Called));
-        // A stuck walker on its path does not let it pass either.
+        // A stuck walker carries no module.
         let stuck = ModuleSnapshot { stuck: true, walker: true, ..at(1, 0, 0) };
         let cut_off = snapshot(&[root(0, 0, 0), stuck, at(2, 0, 0)], &tower);
-        assert_eq!(widest_proof(&cut_off, 1_000), Ok(RuleSet::Called));
+        assert_eq!(widest_proof(&cut_off, 1_000), Ok(RuleSet::Carried));
         // The end holds a dead module.
         let holds = ModuleSnapshot { pinned: true, ..at(1, 0, 0) };
         let side = [root(0, 0, 0), holds, dead(1, 1, 0), root(0, 1, 0)];
@@ -421,20 +456,34 @@ mod tests {
         assert_eq!(widest_proof(&built, 1_000), Ok(RuleSet::Grown));
     }
 
-    /// Distances go along the surface and end where a dead module stands in a corner, though a walker gets past.
+    /// The end of a row goes over the dead middle: around its corner, and on to the finalized module.
     #[test]
-    fn distances_end_at_the_dead() {
-        let arm = [at(0, -2, -2), at(0, -1, -2), at(0, -1, -1), at(0, -1, 0), at(0, 0, -2), at(0, 0, 0)];
-        let arm =
-            arm.into_iter().chain([at(0, 1, -1), at(0, 1, 0)]).map(|m| ModuleSnapshot { pinned: true, ..m });
-        let dead = [dead(-1, -1, -2), dead(0, -2, -1), dead(1, -1, 0), dead(0, 0, -1), dead(1, -2, -1)];
-        let standstill = |walker| {
-            let end = ModuleSnapshot { walker, ..at(1, -1, -2) };
-            let modules: Vec<ModuleSnapshot> = arm.clone().chain(dead).chain([root(1, 1, -1), end]).collect();
-            search(&snapshot(&modules, &[[1, 1, -1], [1, 2, -1]]), RuleSet::Held, 1_000)
-        };
-        assert_eq!(standstill(true), Found::Way(4));
-        assert_eq!(standstill(false), Found::Impossible(1));
+    fn plans_lead_over_the_dead() {
+        let tower = [[0, 0, 0], [0, 0, 1]];
+        let row = snapshot(&[root(0, 0, 0), dead(1, 0, 0), at(2, 0, 0)], &tower);
+        let steps = [
+            PlannedMove {
+                from: Cell::new(2, 0, 0),
+                motion: Motion { kind: MotionKind::Convex, support: Face::West, heading: Face::Up },
+                lands_on_fixed: false,
+            },
+            PlannedMove {
+                from: Cell::new(1, 0, 1),
+                motion: Motion { kind: MotionKind::Slide, support: Face::Down, heading: Face::West },
+                lands_on_fixed: true,
+            },
+        ];
+        assert_eq!(plan(&row, 1_000), Some(steps.to_vec()));
+        // From a dead module it cannot step onto one that may leave, because no request reaches that one.
+        let apart = [root(0, 0, 0), at(1, 0, 0), dead(2, 0, 0), at(3, 0, 0)];
+        assert_eq!(widest_proof(&snapshot(&apart, &tower), 1_000), Ok(RuleSet::Carried));
+        // A dead module in a goal cell starts the next one if a finalized module holds it.
+        let goal = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
+        for held_for_good in [false, true] {
+            let dead = ModuleSnapshot { held_for_good, ..dead(1, 0, 0) };
+            let row = snapshot(&[root(0, 0, 0), dead, at(1, 0, 1)], &goal);
+            assert_eq!(plan(&row, 1_000).map(|p| p.len()), held_for_good.then_some(1));
+        }
     }
 
     /// A plan that is impossible within wider rules is impossible within narrower ones: on every small

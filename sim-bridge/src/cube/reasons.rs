@@ -9,20 +9,6 @@ pub const PINNED: Reason = Reason::new(
     Excuse::IfBroken,
     "pinned: every spare module that has a way holds a dead or stuck module, or waits for one that does",
 );
-/// Every spare module that could walk is cut off from the growth by dead modules, since messages pass only
-/// between live neighbours.
-pub const CUT_OFF: Reason = Reason::new(
-    "cut-off",
-    Excuse::IfDead,
-    "cut off: dead modules separate every spare module that has a way from those that could call it",
-);
-/// The only paths to goal cells lead over dead modules.
-pub const NEEDS_DEAD_SUPPORT: Reason = Reason::new(
-    "needs-dead-support",
-    Excuse::Always,
-    "needs dead support: every way that a module could walk to a goal cell leads over dead ones",
-);
-
 /// The joints of the module do not turn.
 pub const IMMOBILE: Why = Why("cannot turn its joints");
 /// The module has no parent that it could leave.

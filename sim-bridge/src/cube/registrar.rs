@@ -42,10 +42,14 @@ impl Registrar {
         self.deaths.insert(id, Death { died: self.last, told, of: (0, None), best: None, informed });
         self.news.remove(&id);
     }
-    /// Notes that a module was started.
-    pub fn started(&mut self, id: ModuleId) {
-        self.deaths.remove(&id);
+    /// Notes that a module was started. Returns true if it had died before.
+    pub fn started(&mut self, id: ModuleId) -> bool {
         self.news.remove(&id);
+        self.deaths.remove(&id).is_some()
+    }
+    /// Returns true if a finalized module holds a dead one, so that the dead one stays connected for the present goal.
+    pub fn is_held_for_good(&self, id: ModuleId) -> bool {
+        self.deaths.get(&id).and_then(|death| death.best).is_some_and(|(key, _)| !key.is_loose)
     }
     /// Takes in a report. Returns true if the module announces in it that it holds a dead one.
     pub fn has_news(&mut self, id: ModuleId, report: &Status) -> bool {
@@ -58,8 +62,8 @@ impl Registrar {
         has_news
     }
 
-    /// Tells all modules that touch a dead one that it is dead, since its process has ended and cannot come
-    /// back in that contact session; and which module holds it, if one has announced that.
+    /// Tells all modules that touch a dead one, once its body rests, that it is dead, since its process has ended and
+    /// cannot come back in that contact session; and which module holds it, if one has announced that.
     pub fn tell(
         &mut self,
         world: &CubeWorld,
@@ -70,16 +74,21 @@ impl Registrar {
     ) {
         for (victim, death) in &mut self.deaths {
             let of = (stage, Some(world.cell(*victim)));
+            // Growth starts in the seed cell, so a dead module there is the root, whatever it has reported.
+            let finalized = known[victim.index()].is_final(stage) || world.cell(*victim) == seed;
             if death.of != of {
                 (death.of, death.best) = (of, None);
                 death.informed.clear();
+                if finalized {
+                    death.told.clear();
+                }
             }
-            // A body that is still moving is held by none, and nothing may hang on it before it is at rest.
-            let rests = !world.is_moving(*victim);
-            if rests {
-                death.take_up(world, *victim, &self.news, seed);
+            // A body that is still moving is held by none, and nothing may hang on it or move over it before it is at
+            // rest.
+            if world.is_moving(*victim) {
+                continue;
             }
-            let finalized = known[victim.index()].is_final(stage);
+            death.take_up(world, *victim, &self.news, seed);
             for contact in Face::ALL.into_iter().filter_map(|f| world.contact(*victim, f)) {
                 let (port, session, peer) = (contact.peer_port, contact.session, contact.peer);
                 if death.told.insert(session) {
@@ -88,7 +97,6 @@ impl Registrar {
                     commands.push_back(Command::Order(peer, order));
                 }
                 if let Some((key, best)) = death.best
-                    && rests
                     && key.holder != world.cell(peer)
                     && death.informed.insert(session)
                 {

@@ -9,8 +9,9 @@ use std::fmt;
 pub enum RuleSet {
     /// Modules do not let go of what may hang on them: they cannot know that it is safe.
     Held,
-    /// Modules move over live ones that can hear of the goal, and the finalized structure stays.
-    Called,
+    /// Walkers carry no other module, no module steps from a dead one onto one that may leave, and the finalized
+    /// structure stays.
+    Carried,
     /// The finalized structure stays.
     Grown,
     /// No restrictions.
@@ -19,13 +20,13 @@ pub enum RuleSet {
 
 impl RuleSet {
     /// All sets of rules, the narrowest first.
-    pub const ALL: [RuleSet; 4] = [RuleSet::Held, RuleSet::Called, RuleSet::Grown, RuleSet::Anything];
+    pub const ALL: [RuleSet; 4] = [RuleSet::Held, RuleSet::Carried, RuleSet::Grown, RuleSet::Anything];
 
     /// Returns the name in reports.
     pub const fn name(self) -> &'static str {
         match self {
             RuleSet::Held => "held",
-            RuleSet::Called => "called",
+            RuleSet::Carried => "carried",
             RuleSet::Grown => "grown",
             RuleSet::Anything => "anything",
         }
@@ -34,7 +35,7 @@ impl RuleSet {
     pub const fn text(self) -> &'static str {
         match self {
             RuleSet::Held => "as long as no module lets go of what may hang on it",
-            RuleSet::Called => "by live modules that can hear of it",
+            RuleSet::Carried => "as long as walkers carry no other module",
             RuleSet::Grown => "without taking down what is built",
             RuleSet::Anything => "whatever is done",
         }

@@ -63,7 +63,7 @@ impl Prospect {
     pub fn text(&self) -> String {
         match (self.possible, self.within) {
             (Possible::No, within) => {
-                let within = within.unwrap_or(RuleSet::Called).text();
+                let within = within.unwrap_or(RuleSet::Carried).text();
                 format!("proved: nothing more can be filled {within}")
             }
             (Possible::Yes(moves), Some(within)) => format!(

@@ -161,20 +161,19 @@ pub struct StageReport {
 pub struct Standstill {
     /// Time of the last progress.
     pub since_s: f64,
-    /// `blocked`, `pinned`, `cut-off`, `material-exhausted`, `no-active-target`, `needs-dead-support`, `no-way`; of
-    /// metamodules `material-exhausted`, `seed-blocked`, `no-way`, `misplaced`, `no-better-place`, `no-lock` or
-    /// `blocked`.
+    /// `blocked`, `pinned`, `material-exhausted`, `no-active-target` or `no-way`; of metamodules `material-exhausted`,
+    /// `seed-blocked`, `no-way`, `misplaced`, `no-better-place`, `no-lock` or `blocked`.
     pub reason: String,
     /// Whether it is proved that no protocol could have made progress from here: `possible` is `no`.
     pub infeasible: bool,
-    /// Whether live modules that can learn of the goal could have filled more of it: `no` if that is proved
+    /// Whether modules that nothing holds in place could have filled more of the goal: `no` if that is proved
     /// impossible, `yes` if a search found a plan, `undecided` if the search reached its bound or was not
     /// made (large swarms, the published strategies of metamodules, `sweep`).
     #[serde(default = "undecided")]
     pub possible: String,
     /// The widest rules under which progress is proved impossible: `held` (connections that may carry a
-    /// broken module are not released), `called` (live modules that can learn of the goal), `grown` (all
-    /// modules, but what is built stays) or `anything`; null if nothing is proved.
+    /// broken module are not released), `carried` (walkers carry none, and no module steps from a dead one onto
+    /// one that may leave), `grown` (what is built stays) or `anything`; null if nothing is proved.
     #[serde(default)]
     pub impossible_within: Option<String>,
     /// The moves of the plan that was found; null if there is none.

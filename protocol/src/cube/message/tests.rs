@@ -3,6 +3,7 @@
 use super::*;
 use crate::counters::Class;
 use crate::cube::body::{Move, Percept, Refusal};
+use crate::cube::call::{Step, Way};
 use crate::cube::control::{CustodyAnnouncement, Order, Status};
 use crate::cube::route::MAX_HOPS;
 use crate::cube::steering::Steering;
@@ -99,7 +100,15 @@ fn every_message_survives_the_wire_and_knows_its_length() {
     };
     let steer = |steering| Order::Steer { steering, until: Time(9) };
     let commands = [Steering::Release, Steering::Hold, Steering::GoTo(Cell::new(-1, 2, 3))].map(steer);
-    for order in [Order::Goal { epoch: 3 }, condemn, Order::Custody(custody)].into_iter().chain(commands) {
+    let step = Step {
+        motion: Motion { kind: MotionKind::Slide, support: Face::Up, heading: Face::North },
+        lands_on_fixed: true,
+    };
+    let way = Way::new(Cell::new(-1, 0, 2), &[step; 3]).unwrap();
+    let call = Order::Call { epoch: 1, until: Time(9), way };
+    for order in
+        [Order::Goal { epoch: 3 }, condemn, Order::Custody(custody), call].into_iter().chain(commands)
+    {
         assert_eq!(Frame::seal(header(), &order).message::<Order>(), Ok(order));
     }
     let motion = Motion { kind: MotionKind::Convex, support: Face::Down, heading: Face::East };

@@ -239,7 +239,9 @@ impl Summary {
 const fn kept(rule: RuleSet) -> &'static str {
     match rule {
         RuleSet::Held => "a module does not release what may hang on it, because that could fall off",
-        RuleSet::Called => "only modules that can learn of the goal, over live modules, move towards it",
+        RuleSet::Carried => {
+            "walkers carry no other module, and no module steps from a dead one onto one that may leave"
+        }
         RuleSet::Grown => "what is built is not taken down again",
         RuleSet::Anything => "nothing is ruled out",
     }
@@ -352,7 +354,7 @@ mod tests {
             protocol,
             reason: None,
             could: match verdict {
-                Verdict::Built | Verdict::Infeasible(RuleSet::Called) => Some(true),
+                Verdict::Built | Verdict::Infeasible(RuleSet::Carried) => Some(true),
                 Verdict::Infeasible(RuleSet::Anything) => Some(false),
                 _ => None,
             },
@@ -374,8 +376,8 @@ mod tests {
             (Outcome::Built, Verdict::Built),
             (Outcome::Built, Verdict::Built),
             (Outcome::Deadlock, Verdict::Infeasible(RuleSet::Held)),
-            (Outcome::Deadlock, Verdict::Infeasible(RuleSet::Called)),
-            (Outcome::Deadlock, Verdict::Infeasible(RuleSet::Called)),
+            (Outcome::Deadlock, Verdict::Infeasible(RuleSet::Carried)),
+            (Outcome::Deadlock, Verdict::Infeasible(RuleSet::Carried)),
             (Outcome::Deadlock, Verdict::Infeasible(RuleSet::Anything)),
             (Outcome::Deadlock, Verdict::Excused("no-lock".into())),
             (Outcome::Deadlock, stuck(Kind::Undecided("blocked".into()))),

@@ -24,15 +24,15 @@ impl Question for StandstillSnapshot {
         let found = match held {
             // A plan within the protocol's own rules is a plan within all wider rules.
             Found::Way(_) => held,
-            _ => search(self, RuleSet::Called, bound),
+            _ => search(self, RuleSet::Carried, bound),
         };
         let proved = matches!(held, Found::Impossible(_)).then_some(RuleSet::Held);
         match found {
             Found::Way(moves) => Prospect { possible: Possible::Yes(moves), within: proved },
             Found::Undecided => Prospect { possible: Possible::Undecided, within: proved },
             Found::Impossible(_) => {
-                let widest = widest_proof(self, bound).unwrap_or(RuleSet::Called);
-                Prospect { possible: Possible::No, within: Some(widest.max(RuleSet::Called)) }
+                let widest = widest_proof(self, bound).unwrap_or(RuleSet::Carried);
+                Prospect { possible: Possible::No, within: Some(widest.max(RuleSet::Carried)) }
             }
         }
     }
@@ -83,7 +83,9 @@ mod tests {
             stuck: stuck && !finalized,
             walker: false,
             finalized,
+            held_for_good: false,
             pinned: pinned && !finalized,
+            unattached: false,
         };
         StandstillSnapshot {
             modules: vec![module(0, 0, true), module(1, 0, true), module(1, 1, false)],

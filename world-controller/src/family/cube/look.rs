@@ -125,7 +125,7 @@ impl Visible for Cube {
     fn goal(order: &Order) -> Option<GoalView> {
         match order {
             Order::Goal { epoch } => Some(GoalView { number: *epoch, ..GoalView::default() }),
-            Order::Condemn { .. } | Order::Custody(_) | Order::Steer { .. } => None,
+            Order::Condemn { .. } | Order::Custody(_) | Order::Steer { .. } | Order::Call { .. } => None,
         }
     }
 }

@@ -48,6 +48,9 @@ impl Worded for Cube {
                 Steering::Hold => format!("an operator commands: stay until {until}"),
                 Steering::GoTo(cell) => format!("an operator commands: go to {cell}, until {until}"),
             },
+            CubeOrder::Call { until, way, .. } => {
+                format!("it is called from {} to {}, until {until}", way.from(), way.to())
+            }
             CubeOrder::Custody(of) => {
                 format!("the dead module at {} is held by the one at {}", of.dead, of.holder())
             }

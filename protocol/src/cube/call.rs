@@ -1,0 +1,227 @@
+//! Calls of the world-controller to one cube: a way over the surface, to a place from which the swarm can go on. The
+//! attraction field ends at dead modules, since they pass no distances on; a called module walks past them.
+//!
+//! A call replaces only the choice of the motion. A module in reserve leaves only if it may, and every motion needs the
+//! locks that it always needs. A dead module grants none and needs none, because it does not leave: a motion over it starts
+//! by consent of nobody if it lands on the same module, or on one that stays for good. The controller vouches for the
+//! latter ([`Step::lands_on_fixed`]): a module that was reported finalized for this goal never leaves in it.
+
+use super::Cube;
+use super::message::Role;
+use crate::coverage::{CoveragePoint, hit};
+use crate::lattice::{Cell, Face, Motion, MotionKind};
+use crate::time::Time;
+use crate::wire::{Decoder, Encoder, WireError};
+
+/// The largest number of steps of a way; a longer one is called in parts.
+pub const MAX_STEPS: usize = 56;
+
+/// One motion of a way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Step {
+    /// The motion.
+    pub motion: Motion,
+    /// True if the module that it lands on was finalized for the goal of the call, and so never leaves.
+    pub lands_on_fixed: bool,
+}
+
+impl Step {
+    fn pack(self) -> u8 {
+        let Motion { kind, support, heading } = self.motion;
+        (kind as u8) | (support as u8) << 1 | (heading as u8) << 4 | u8::from(self.lands_on_fixed) << 7
+    }
+    fn unpack(byte: u8) -> Option<Step> {
+        let kind = if byte & 1 == 0 { MotionKind::Slide } else { MotionKind::Convex };
+        let (support, heading) = (Face::from_index(byte >> 1 & 7)?, Face::from_index(byte >> 4 & 7)?);
+        heading.slot_in(support)?;
+        Some(Step { motion: Motion { kind, support, heading }, lands_on_fixed: byte & 0x80 != 0 })
+    }
+}
+
+/// The steps of a module one after the other, from a cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Way {
+    from: Cell,
+    len: u8,
+    /// The steps, packed; zero behind the last.
+    steps: [u8; MAX_STEPS],
+}
+
+impl Way {
+    /// Creates a way of at least one step and at most [`MAX_STEPS`].
+    pub fn new(from: Cell, steps: &[Step]) -> Option<Way> {
+        if steps.is_empty() || steps.len() > MAX_STEPS {
+            return None;
+        }
+        let mut way = Way { from, len: steps.len() as u8, steps: [0; MAX_STEPS] };
+        for (slot, step) in way.steps.iter_mut().zip(steps) {
+            *slot = step.pack();
+        }
+        Some(way)
+    }
+    /// Returns the first cell.
+    pub fn from(&self) -> Cell {
+        self.from
+    }
+    /// Returns the last cell.
+    pub fn to(&self) -> Cell {
+        self.steps().fold(self.from, |at, step| step.motion.destination(at))
+    }
+    /// Iterates over the steps in order.
+    pub fn steps(&self) -> impl Iterator<Item = Step> + '_ {
+        // Invariant: all steps are valid, by `new` and `decode`.
+        self.steps[..usize::from(self.len)].iter().filter_map(|byte| Step::unpack(*byte))
+    }
+
+    pub(super) fn encode(&self, out: &mut Encoder) {
+        out.cell(self.from);
+        out.u8(self.len);
+        self.steps[..usize::from(self.len)].iter().for_each(|byte| out.u8(*byte));
+    }
+    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Way, WireError> {
+        let mut way = Way { from: from.cell()?, len: from.u8()?, steps: [0; MAX_STEPS] };
+        let used = usize::from(way.len);
+        if !(1..=MAX_STEPS).contains(&used) {
+            return Err(WireError::Field("way"));
+        }
+        for slot in &mut way.steps[..used] {
+            *slot = from.u8()?;
+            Step::unpack(*slot).ok_or(WireError::Field("step"))?;
+        }
+        Ok(way)
+    }
+}
+
+/// A call that a module follows.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Called {
+    until: Time,
+    way: Way,
+    /// The number of steps made.
+    made: u8,
+}
+
+impl Called {
+    fn next(&self) -> Option<Step> {
+        self.way.steps().nth(self.made.into())
+    }
+}
+
+impl Cube {
+    /// Takes a call, if the module stands where it begins. It replaces the call before.
+    pub(super) fn on_call(&mut self, now: Time, epoch: u16, until: Time, way: Way) {
+        let fits = epoch == self.own.epoch && way.from() == self.own.cell && self.moving.is_none();
+        if !fits || until <= now || self.own.role == Role::Final {
+            return;
+        }
+        hit(CoveragePoint::CubeCalled);
+        self.abort_attempt(now, None);
+        self.planner.end_back_off(now);
+        self.called = Some(Box::new(Called { until, way, made: 0 }));
+        self.touch();
+        self.decide_soon(now);
+    }
+
+    /// Forgets a call that is over.
+    pub(super) fn tend_call(&mut self, now: Time) {
+        if self.called.take_if(|called| now >= called.until).is_some() {
+            self.touch();
+            self.decide_soon(now);
+        }
+    }
+
+    /// Counts a step, if the module has arrived where its call leads; ends the call otherwise.
+    pub(super) fn on_step(&mut self, cell: Cell) {
+        let Some(called) = &mut self.called else { return };
+        called.made += 1;
+        let along = called.way.steps().take(called.made.into());
+        if along.fold(called.way.from(), |at, step| step.motion.destination(at)) != cell {
+            self.called = None;
+        }
+    }
+
+    /// Returns the end of the call that the module follows.
+    pub(super) fn call_ends(&self) -> Option<Time> {
+        self.called.as_ref().map(|called| called.until)
+    }
+
+    /// Returns true if the module stands at the end of its way, and stays there until the call ends.
+    pub(super) fn is_called_here(&self) -> bool {
+        self.called.as_ref().is_some_and(|called| called.next().is_none())
+    }
+
+    /// Returns the next motion of the call, if the module may ask for it: its support is live, or known to be dead.
+    pub(super) fn called_motion(&self) -> Option<Motion> {
+        let step = self.called.as_ref()?.next()?;
+        let motion = step.motion;
+        let is_certain = motion.kind == MotionKind::Convex || step.lands_on_fixed;
+        let needs_none = self.sides.is_certified_dead(motion.support) && is_certain;
+        (needs_none || self.sides.support(motion.support).is_some()).then_some(motion)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::agent::{Agent, Input, Output};
+    use crate::cube::control::Order;
+    use crate::cube::params::{Params, Setup};
+    use crate::goal::{Goal, Growth};
+    use crate::ids::{Port, Session};
+    use crate::time::Span;
+    use crate::wire::{HEADER, PAYLOAD, Wire};
+
+    fn step(kind: MotionKind, lands_on_fixed: bool) -> Step {
+        Step { motion: Motion { kind, support: Face::Down, heading: Face::East }, lands_on_fixed }
+    }
+
+    /// Returns the first motion of a module in reserve at the origin that touches one dead module only, below it,
+    /// and is called over it.
+    fn first_motion(is_certified: bool, step: Step, epoch: u16, from: Cell) -> Option<Motion> {
+        let seed = Cell::new(0, 9, 0);
+        let goal = Goal::compile(&[seed, Cell::new(0, 10, 0)], seed, Growth::Solid).unwrap();
+        let params = Params::scaled(Span::secs(1), Span::millis(10), 100);
+        let mut cube = Cube::first(Setup { params, goals: vec![goal] });
+        let (port, session, now) = (Port(Face::Down as u8), Session(1), Time::ZERO + Span::secs(9));
+        cube.handle(now, Input::Contact { port, session: Some(session) });
+        if is_certified {
+            let died = Time::ZERO + Span::secs(1);
+            cube.handle(
+                now,
+                Input::Order(Order::Condemn { port, session, epoch: 0, finalized: false, died }),
+            );
+        }
+        let way = Way::new(from, &[step]).unwrap();
+        cube.handle(now, Input::Order(Order::Call { epoch, until: now + Span::secs(99), way }));
+        std::iter::from_fn(|| cube.poll()).find_map(|output| match output {
+            Output::Act(action) => Some(action.motion),
+            _ => None,
+        })
+    }
+
+    #[test]
+    fn a_motion_over_the_dead_needs_a_certificate_and_a_landing_that_stays() {
+        let (around, onto) = (step(MotionKind::Convex, false), step(MotionKind::Slide, true));
+        let here = Cell::default();
+        assert_eq!(first_motion(true, around, 0, here), Some(around.motion));
+        assert_eq!(first_motion(true, onto, 0, here), Some(onto.motion));
+        assert_eq!(first_motion(true, step(MotionKind::Slide, false), 0, here), None);
+        assert_eq!(first_motion(false, around, 0, here), None, "the neighbour may be alive");
+        assert_eq!(first_motion(true, around, 1, here), None, "the call is for another goal");
+        assert_eq!(first_motion(true, around, 0, Cell::new(0, 0, 1)), None, "it begins elsewhere");
+    }
+
+    #[test]
+    fn ways_are_bounded_and_checked() {
+        let steps = vec![step(MotionKind::Convex, false); MAX_STEPS];
+        let way = Way::new(Cell::new(1, 2, 3), &steps).unwrap();
+        assert_eq!(way.steps().collect::<Vec<Step>>(), steps);
+        assert_eq!(Way::new(Cell::default(), &[]), None);
+        assert_eq!(Way::new(Cell::default(), &[steps[0]; MAX_STEPS + 1]), None);
+        let order = Order::Call { epoch: 1, until: Time(2), way };
+        assert!(order.wire_len() <= HEADER + PAYLOAD);
+        // A heading along the support is no motion.
+        let motion = Motion { heading: Face::Down, ..steps[0].motion };
+        assert_eq!(Step::unpack(Step { motion, lands_on_fixed: false }.pack()), None);
+    }
+}
