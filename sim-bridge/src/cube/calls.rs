@@ -18,8 +18,9 @@ use std::collections::{BTreeSet, VecDeque};
 
 /// The largest number of modules that a plan is looked for, one by one.
 const CANDIDATES: usize = 16;
-/// The largest number of arrangements in each search.
+/// The largest number of arrangements in each search, and of cells in the arrangements of one call's searches together.
 const ARRANGEMENTS: usize = 3_000;
+const EFFORT: usize = 3_000_000;
 /// The largest number of modules of a swarm in which plans of several modules are looked for.
 const TOGETHER: usize = 48;
 /// How long a called module may take, in moves: to set out, and for each step.
@@ -151,6 +152,7 @@ impl Calls {
     /// several modules.
     fn find(&self, world: &mut CubeWorld, snapshot: &StandstillSnapshot) -> Option<VecDeque<Way>> {
         let mut snapshot = snapshot.clone();
+        let arrangements = (EFFORT / CANDIDATES / snapshot.modules.len().max(1)).min(ARRANGEMENTS);
         let may_go: Vec<usize> = (0..snapshot.modules.len())
             .filter(|i| {
                 let (m, id) = (&snapshot.modules[*i], ModuleId(*i as u32));
@@ -158,25 +160,21 @@ impl Calls {
             })
             .collect();
         for (i, module) in snapshot.modules.iter_mut().enumerate() {
-            module.pinned |= !may_go.contains(&i);
+            module.pinned |= may_go.binary_search(&i).is_err();
         }
         let together = (snapshot.modules.len() <= TOGETHER).then(|| snapshot.clone());
-        let distance = |i: &usize| {
-            let cell = snapshot.modules[*i].cell;
-            snapshot.goal.iter().filter(|g| !snapshot.fills(**g)).map(|g| g.manhattan(cell)).min()
-        };
-        let mut nearest: Vec<(Option<u32>, usize)> = may_go
-            .iter()
-            .filter(|i| world.is_removable(ModuleId(**i as u32)))
-            .map(|i| (distance(i), *i))
-            .collect();
+        let unfilled = snapshot.unfilled();
+        let distance = |i: &usize| unfilled.iter().map(|c| c.manhattan(snapshot.modules[*i].cell)).min();
+        let mut nearest: Vec<(Option<u32>, usize)> = may_go.iter().map(|i| (distance(i), *i)).collect();
         nearest.sort_unstable();
-        nearest.truncate(CANDIDATES);
+        let is_removable = |(_, i): &(Option<u32>, usize)| world.is_removable(ModuleId(*i as u32));
+        let nearest: Vec<(Option<u32>, usize)> =
+            nearest.into_iter().filter(is_removable).take(CANDIDATES).collect();
         snapshot.modules.iter_mut().for_each(|m| m.pinned = true);
         let mut best: Option<Vec<PlannedMove>> = None;
         for (_, i) in nearest {
             snapshot.modules[i].pinned = false;
-            let found = plan(&snapshot, ARRANGEMENTS);
+            let found = plan(&snapshot, arrangements);
             snapshot.modules[i].pinned = true;
             if let Some(found) = found.filter(|f| best.as_ref().is_none_or(|b| f.len() < b.len())) {
                 best = Some(found);

@@ -11,7 +11,7 @@
 use crate::director::proof::{Found, RuleSet};
 use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
 use std::cmp::Reverse;
-use std::collections::{BTreeSet, BinaryHeap};
+use std::collections::{BTreeSet, BinaryHeap, VecDeque};
 
 /// One module at a standstill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -97,9 +97,11 @@ impl StandstillSnapshot {
         };
         module.alive && !module.stuck && !stays
     }
-    /// Returns true if a goal cell holds a finalized module, or a dead one.
-    pub(super) fn fills(&self, cell: Cell) -> bool {
-        self.modules.iter().any(|m| m.cell == cell && (m.finalized || !m.alive))
+    /// Returns the goal cells that hold neither a finalized module nor a dead one.
+    pub(super) fn unfilled(&self) -> Vec<Cell> {
+        let fills = |m: &&ModuleSnapshot| m.finalized || !m.alive;
+        let filled: BTreeSet<Cell> = self.modules.iter().filter(fills).map(|m| m.cell).collect();
+        self.goal.iter().copied().filter(|c| !filled.contains(c)).collect()
     }
     /// Returns true if fewer modules can move than there are goal cells without an immovable module in them.
     fn is_short_of_modules(&self) -> bool {
@@ -113,7 +115,7 @@ impl StandstillSnapshot {
 struct StateSpace {
     within: RuleSet,
     spared_by_live: bool,
-    goal: Vec<Cell>,
+    goal: BTreeSet<Cell>,
     /// The number of goal cells that must be filled.
     enough: usize,
     /// The initial cells of the modules that can move.
@@ -139,7 +141,7 @@ impl StateSpace {
         StateSpace {
             within,
             spared_by_live: snapshot.spared_by_live,
-            goal: snapshot.goal.clone(),
+            goal: snapshot.goal.iter().copied().collect(),
             enough: match within {
                 RuleSet::Held | RuleSet::Carried => snapshot.filled + 1,
                 RuleSet::Grown | RuleSet::Anything => snapshot.goal.len(),
@@ -338,8 +340,7 @@ impl StateSpace {
             if beside.len() < 2 {
                 return true;
             }
-            let reached = spread(beside.first().copied().into_iter(), counts);
-            beside.iter().all(|c| reached.contains(c))
+            are_together(&beside, counts)
         };
         let is_held = self.within == RuleSet::Held;
         let touched = || from.neighbours().into_iter().filter(|c| self.is_taken(rest, *c)).count();
@@ -367,6 +368,24 @@ impl StateSpace {
         }
         live.iter().all(|c| reached.contains(c))
     }
+}
+
+/// Returns true if cells are connected with each other through cells that `counts` accepts. It stops when they have met, so that
+/// a small loop costs little in a large body.
+fn are_together(cells: &[Cell], counts: &dyn Fn(&Cell) -> bool) -> bool {
+    let mut reached: BTreeSet<Cell> = cells.first().copied().into_iter().collect();
+    let mut front: VecDeque<Cell> = reached.iter().copied().collect();
+    let mut missing = cells.len().saturating_sub(1);
+    while missing > 0 {
+        let Some(at) = front.pop_front() else { return false };
+        for next in at.neighbours() {
+            if counts(&next) && reached.insert(next) {
+                missing -= usize::from(cells.contains(&next));
+                front.push_back(next);
+            }
+        }
+    }
+    true
 }
 
 /// Returns `from` and the cells connected with it through cells that `counts` accepts.
