@@ -401,7 +401,7 @@ mod tests {
             "9 runs from seed 10: 2 failed",
             "built 2 of 4 that any robot could have built (4 undecided)",
             "3 not built because a rule",
-            "2  only modules that can learn of the goal",
+            "2  walkers carry no other module",
             "1 that no robot could build",
             "2 undecided:",
             "seeds 17 16",
