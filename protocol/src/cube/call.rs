@@ -65,7 +65,11 @@ impl Way {
     }
     /// Returns the last cell.
     pub fn to(&self) -> Cell {
-        self.steps().fold(self.from, |at, step| step.motion.destination(at))
+        self.after(self.len)
+    }
+    /// Returns the cell after a number of steps.
+    fn after(&self, steps: u8) -> Cell {
+        self.steps().take(steps.into()).fold(self.from, |at, step| step.motion.destination(at))
     }
     /// Iterates over the steps in order.
     pub fn steps(&self) -> impl Iterator<Item = Step> + '_ {
@@ -134,8 +138,7 @@ impl Cube {
     pub(super) fn on_step(&mut self, cell: Cell) {
         let Some(called) = &mut self.called else { return };
         called.made += 1;
-        let along = called.way.steps().take(called.made.into());
-        if along.fold(called.way.from(), |at, step| step.motion.destination(at)) != cell {
+        if called.way.after(called.made) != cell {
             self.called = None;
         }
     }

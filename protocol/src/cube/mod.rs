@@ -6,6 +6,7 @@
 //! * `sides` — the six contacts, and the last beacon of each neighbour;
 //! * `attraction` — the field towards unfilled goal cells, on faces of empty surface cells;
 //! * `parent_forest`, `custody`, `cycles` — the connectivity checks, and which module stays for a dead neighbour;
+//! * `finalization` — when a module becomes part of the finalized structure;
 //! * `lock_table`, `negotiation` — locks and reservations along routes, with leases;
 //! * `motion_planner` — where to go, and when; `call`, `steering` — where the controller leads it;
 //! * `beacon` — telling the neighbours; `reporter` — telling the world-controller;
@@ -23,6 +24,7 @@ pub mod control;
 mod custody;
 mod cycles;
 mod digest;
+mod finalization;
 mod lock_table;
 pub mod message;
 mod motion_planner;
@@ -46,7 +48,6 @@ use crate::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use crate::counters::Class;
 use crate::coverage::{CoveragePoint, hit};
 use crate::defects::Defect;
-use crate::goal::Growth;
 use crate::ids::{Incarnation, Port, Session};
 use crate::lattice::{Cell, Face};
 use crate::rng::Rng;
@@ -299,67 +300,6 @@ impl Cube {
     }
     fn is_idle(&self) -> bool {
         self.attempt.is_none() && self.moving.is_none()
-    }
-
-    /// Finalizes the module in the seed cell, in every incarnation: growth starts from it.
-    fn take_root(&mut self, now: Time) {
-        if self.own.masks.seed
-            && self.own.role != Role::Final
-            && self.moving.is_none()
-            && !self.own.is_quarantined(now)
-        {
-            self.abort_attempt(now, None);
-            self.become_final(None);
-        }
-    }
-
-    /// Becomes finalized if it stands in a goal cell that a finalized neighbour wants filled.
-    fn finalize_if_wanted(&mut self, now: Time) {
-        // A module that has just restarted may be moving elsewhere without knowing it.
-        let settled = self.own.role != Role::Final && self.moving.is_none() && !self.own.is_quarantined(now);
-        if !settled || !self.own.masks.own {
-            return;
-        }
-        if self.is_started_by_dead(now) {
-            hit(CoveragePoint::CubeStartedByDead);
-            self.abort_attempt(now, None);
-            return self.become_final(None);
-        }
-        let v = self.view(now);
-        let wanted_by = |f: &Face| v.live(*f).is_some_and(|b| b.wants_you && v.is_final(b));
-        if let Some(face) = Face::ALL.into_iter().find(wanted_by) {
-            self.abort_attempt(now, None);
-            self.become_final(Some(face));
-        }
-    }
-
-    /// Returns true if a certified dead neighbour would have started this cell: rule G1 allows it, the neighbour was
-    /// finalized or is held by a finalized module, and rule G2 is met, which demands that the lower neighbours of
-    /// the cell are filled, except in a scaffold. A module that was called to its cell, has rested there for long or
-    /// has restarted is started by any dead neighbour in a goal cell, as it would be out of turn by a live one.
-    fn is_started_by_dead(&self, now: Time) -> bool {
-        let (v, masks) = (self.view(now), &self.own.masks);
-        // A module that has restarted in its cell stays there in any case.
-        let rests = now.since(self.own.settled) > v.params().out_of_turn_after;
-        let out_of_turn = self.is_called_here() || self.own.restarted || rests;
-        let dead = v.sides.certified_mask() & if out_of_turn { masks.cells } else { masks.starters };
-        if dead == 0 || !custody::is_kept(v) {
-            return false;
-        }
-        let is_filled = |f: Face| v.sides.is_certified_dead(f) || v.live(f).is_some_and(|b| v.is_final(b));
-        let may_grow = out_of_turn
-            || self.own.grows_as() == Growth::Scaffold
-            || Face::ALL.into_iter().all(|f| masks.own_lower & f.bit() == 0 || is_filled(f));
-        let is_fixed = |f: Face| v.died_finalized(f) || self.forest.custody().is_fixed(f);
-        may_grow && Face::ALL.into_iter().any(|f| dead & f.bit() != 0 && is_fixed(f))
-    }
-
-    fn become_final(&mut self, activator: Option<Face>) {
-        (self.own.role, self.own.activator, self.own.support) = (Role::Final, activator, None);
-        self.forest.on_finalized();
-        self.planner.on_finalized();
-        self.called = None;
-        self.touch();
     }
 
     /// Marks all derived state as out of date.

@@ -18,13 +18,15 @@ use std::collections::{BTreeSet, VecDeque};
 
 /// The largest number of modules that a plan is looked for, one by one.
 const CANDIDATES: usize = 16;
-/// The largest number of arrangements in each search, and of cells in the arrangements of one call's searches together.
+/// The largest number of arrangements in each search.
 const ARRANGEMENTS: usize = 3_000;
+/// The largest number of cells in the arrangements of all searches for one module together.
 const EFFORT: usize = 3_000_000;
 /// The largest number of modules of a swarm in which plans of several modules are looked for.
 const TOGETHER: usize = 48;
-/// How long a called module may take, in moves: to set out, and for each step.
+/// How long a called module may take to set out, in moves.
 const TO_SET_OUT: u64 = 24;
+/// How long a called module may take for each step, in moves.
 const PER_STEP: u64 = 8;
 /// How long nothing must move before the next call, in moves, once calls have filled a cell.
 const PAUSE: u64 = 12;
@@ -86,9 +88,9 @@ impl Calls {
     ) {
         let news = standing.last_fill.max(standing.last_fault);
         if news != self.news {
-            self.is_fruitful =
-                standing.last_fill > standing.last_fault && (self.is_fruitful || self.ways_are_done());
-            *self = Calls { news, is_fruitful: self.is_fruitful, ..Calls::default() };
+            let are_done = self.ways.is_empty() && self.sent.is_some();
+            let is_fruitful = standing.last_fill > standing.last_fault && (self.is_fruitful || are_done);
+            *self = Calls { news, is_fruitful, ..Calls::default() };
         }
         self.watch(now, world);
         if self.sent.is_some() || self.given_up >= MOST_GIVEN_UP {
@@ -107,11 +109,6 @@ impl Calls {
         if let Some(way) = self.ways.pop_front() {
             self.call(now, way, world, (epoch, params), commands);
         }
-    }
-
-    /// Returns true if all modules of the last plan are where they were called to.
-    fn ways_are_done(&self) -> bool {
-        self.ways.is_empty() && self.sent.is_some()
     }
 
     /// Drops the plan if the called module does not come.

@@ -1,7 +1,7 @@
 //! Why a swarm of cubes stands still: judged on the ground truth; the agents' own reports show what they wait
 //! for.
 
-use crate::cube::reachability::{ModuleSnapshot, StandstillSnapshot};
+use crate::cube::reachability::{ModuleSnapshot, StandstillSnapshot, motions};
 use crate::cube::reasons::{HEARS_OF_NO_TARGET, HOLDS_DEAD, IMMOBILE, PINNED, UNATTACHED};
 use crate::cube::registrar::Registrar;
 use crate::cube::world::CubeWorld;
@@ -13,7 +13,7 @@ use metamorph_protocol::cube::message::Role;
 use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::goal::Goal;
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
+use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::Time;
 use petgraph::algo::tarjan_scc;
 use petgraph::graph::DiGraph;
@@ -253,14 +253,6 @@ fn walkers_with_a_way(
         .collect()
 }
 
-fn motions() -> impl Iterator<Item = Motion> {
-    Face::ALL.into_iter().flat_map(|support| {
-        support.perpendicular().into_iter().flat_map(move |heading| {
-            [MotionKind::Slide, MotionKind::Convex].map(|kind| Motion { kind, support, heading })
-        })
-    })
-}
-
 /// Returns every free cell from which a walker could come to a target. Motions can be undone, so this
 /// searches from the targets outwards.
 fn surface(
@@ -290,6 +282,7 @@ mod tests {
     use super::*;
     use crate::director::reason::Reason;
     use metamorph_protocol::goal::Growth;
+    use metamorph_protocol::lattice::Face;
     use metamorph_protocol::time::Span;
 
     fn status(role: Role, wants: u8, waits_for: Option<u32>, pinned: bool) -> Status {

@@ -127,8 +127,8 @@ struct StateSpace {
     walkers: BTreeSet<Cell>,
     /// The finalized structure: its live modules, and dead ones in goal cells that start others.
     roots: BTreeSet<Cell>,
-    /// Modules that were finalized when they died.
-    died_finalized: BTreeSet<Cell>,
+    /// Modules that are finalized, or were when they died.
+    finalized: BTreeSet<Cell>,
     /// Modules that leave only from the end of a branch.
     unattached: BTreeSet<Cell>,
 }
@@ -155,7 +155,7 @@ impl StateSpace {
                 let starts = !snapshot.spared_by_live && (m.finalized || m.held_for_good);
                 if m.alive { m.finalized } else { starts && snapshot.goal.contains(&m.cell) }
             }),
-            died_finalized: cells(&|m| !m.alive && m.finalized),
+            finalized: cells(&|m| m.finalized),
             unattached: cells(&|m| m.alive && m.unattached),
         }
     }
@@ -214,7 +214,7 @@ impl StateSpace {
             let is_live = |m: &Motion| self.carries(&at, &grown, from.step(m.support));
             let live = motions().filter(|m| possible(m) && is_live(m)).min_by_key(|m| m.kind as u8);
             if let Some(motion) = live.or_else(|| motions().find(possible)) {
-                let lands_on_fixed = self.is_fixed(&grown, to.step(motion.landing_support()));
+                let lands_on_fixed = self.finalized.contains(&to.step(motion.landing_support()));
                 planned.push(PlannedMove { from, motion, lands_on_fixed });
             }
             let place = at.partition_point(|c| *c < to);
@@ -233,10 +233,6 @@ impl StateSpace {
             || (at.binary_search(&cell).is_ok() && self.movers.binary_search(&cell).is_ok());
         (has_not_set_out && !self.walkers.contains(&cell))
             || (grown.contains(&cell) && !self.dead.contains(&cell))
-    }
-    /// Returns true if the module in a cell is finalized, or was when it died.
-    fn is_fixed(&self, grown: &BTreeSet<Cell>, cell: Cell) -> bool {
-        (grown.contains(&cell) && !self.dead.contains(&cell)) || self.died_finalized.contains(&cell)
     }
     fn is_taken(&self, at: &[Cell], cell: Cell) -> bool {
         self.is_live(at, cell) || self.dead.contains(&cell)
@@ -323,7 +319,7 @@ impl StateSpace {
             let live = |cell| self.carries(rest, grown, cell);
             if self.dead.contains(&support) {
                 // A dead support passes no request on to the module that the mover lands on.
-                support == landing || self.is_fixed(grown, landing)
+                support == landing || self.finalized.contains(&landing)
             } else {
                 live(support) && (live(landing) || self.dead.contains(&landing))
             }
@@ -358,8 +354,7 @@ impl StateSpace {
         let beside = from.neighbours();
         let live: Vec<Cell> = beside.into_iter().filter(is_live).collect();
         let mut reached = spread(live.first().copied().into_iter(), &is_live);
-        let is_rooted =
-            live.iter().any(|c| grown.contains(c)) || beside.iter().any(|c| self.died_finalized.contains(c));
+        let is_rooted = beside.iter().any(|c| self.finalized.contains(c));
         let roots = || grown.iter().copied().filter(is_live);
         if is_rooted && reached.iter().any(|c| grown.contains(c)) {
             reached = spread(reached.into_iter().chain(roots()), &is_live);
@@ -398,7 +393,8 @@ fn spread(from: impl Iterator<Item = Cell>, counts: &dyn Fn(&Cell) -> bool) -> B
     reached
 }
 
-fn motions() -> impl Iterator<Item = Motion> {
+/// Iterates over all motions of a cube.
+pub(super) fn motions() -> impl Iterator<Item = Motion> {
     Face::ALL.into_iter().flat_map(|support| {
         support.perpendicular().into_iter().flat_map(move |heading| {
             [MotionKind::Slide, MotionKind::Convex].map(|kind| Motion { kind, support, heading })

@@ -11,7 +11,7 @@ use metamorph_sim_bridge::director::reason::Proves;
 /// The result for one standstill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Prospect {
-    /// Whether live modules that can learn of the goal could have filled more of it.
+    /// Whether modules that nothing holds in place could have filled more of the goal.
     pub possible: Possible,
     /// The widest rules under which progress is proved impossible.
     pub within: Option<RuleSet>,
