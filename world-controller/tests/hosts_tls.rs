@@ -2,12 +2,17 @@
 //! is built and replays, and everything without the right keys is refused by name.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
+use metamorph_module_agent::pid_directory;
+use metamorph_module_agent::run_dir::identity::Identity;
+use metamorph_module_agent::run_dir::run_name::RunName;
 use metamorph_protocol::ids::HostId;
 use metamorph_world_controller::report::schema::Report;
 use metamorph_world_controller::swarm::make_keys;
+use rustix::process::{Pid, Signal, kill_process};
 use std::fs;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::Mutex;
@@ -65,7 +70,7 @@ impl Site {
         let ports: Vec<u16> = (1..hosts).map(|_| port()).collect();
         let site = Site { directory: tempfile::tempdir().unwrap(), ports, daemons: Vec::new() };
         let mut text =
-            "version = 1\nkeys = \"keys\"\nsilent = \"1s\"\nfence = \"3s\"\nclock_error = \"20ms\"\n\
+            "version = 1\nkeys = \"keys\"\nsilent = \"1s\"\nfence = \"6s\"\nclock_error = \"20ms\"\n\
                         [[host]]\nname = \"h1\"\naddress = \"local\"\n"
                 .to_owned();
         for (port, number) in site.ports.iter().zip(2..) {
@@ -288,4 +293,126 @@ fn a_lost_machine_takes_its_modules_along() {
     assert!((14..28).all(lost) && !(0..14).any(lost), "{:?}", report.faults);
     let replayed = run(&["replay", &journal, "--quiet"]);
     assert_eq!(replayed.0, Some(0), "{replayed:?}");
+}
+
+/// A run on three machines whose controller is killed at some point.
+struct Orphaned<'s> {
+    site: &'s Site,
+    journal: String,
+}
+
+impl<'s> Orphaned<'s> {
+    fn new(site: &'s Site, seed: u64) -> Orphaned<'s> {
+        let (hosts, journal) = (site.text("hosts.toml"), site.text("run.journal"));
+        let (scenario, drawn) = ("deploy/scenarios/swarm.toml", seed.to_string());
+        let args = ["run", scenario, "--hosts", &hosts, "--journal", &journal, "--quiet", "--seed", &drawn];
+        let mut controller = metamorph(program(), &[&args[..], &["--set", "stop.timeout=40s"]].concat())
+            .stdout(Stdio::null())
+            .stderr(fs::File::create(site.path("run.log")).unwrap())
+            .spawn()
+            .unwrap();
+        let parts = site.path("run.journal.parts");
+        let arrived =
+            || (14..28).all(|id| parts.join(format!("{id}.0")).metadata().is_ok_and(|m| m.len() > 2_000));
+        wait_until("the modules of h2 to work", arrived);
+        // At another point of each run.
+        std::thread::park_timeout(Duration::from_millis(seed * 37 % 1_900));
+        controller.kill().unwrap();
+        controller.wait().unwrap();
+        Orphaned { site, journal }
+    }
+
+    /// Returns the run directory of the controller.
+    fn root(&self) -> PathBuf {
+        let text = fs::read_to_string(self.site.path("run.journal.parts").join("run")).unwrap();
+        RunName::parse(text.split_once(' ').unwrap().0).unwrap().root()
+    }
+
+    /// Resumes the run and returns the report.
+    fn resumed(self, options: &[&str]) -> Report {
+        let Orphaned { site, journal } = self;
+        let args = ["resume", &journal, "--json", "-", "--quiet"];
+        let went_on = run(&[&args[..], options].concat());
+        let logs = || format!("{} {}", site.log(0), site.log(1));
+        let report: Report =
+            serde_json::from_str(&went_on.1).unwrap_or_else(|e| panic!("{e}: {went_on:?} {}", logs()));
+        assert_eq!(report.invariants.broken, 0, "{:?} {}", report.notes, logs());
+        assert!(report.notes[0].contains("another one resumed the run"), "{:?}", report.notes);
+        let replayed = run(&["replay", &journal, "--quiet"]);
+        assert_eq!(replayed.0, Some(0), "{replayed:?}");
+        assert!(!site.path("run.journal.parts").exists());
+        fs::remove_file(journal).unwrap();
+        report
+    }
+}
+
+/// Returns true if exactly these modules were lost after the takeover.
+fn are_lost(report: &Report, modules: Range<u32>) -> bool {
+    let lost = |id| report.notes.iter().any(|note| note.starts_with(&format!("module {id} was ")));
+    (0..42).all(|id| lost(id) == modules.contains(&id))
+}
+
+#[test]
+fn a_run_on_three_machines_goes_on_with_another_controller() {
+    let _alone = ALONE.lock();
+    let mut site = Site::new(3);
+    site.start_all();
+    let report = Orphaned::new(&site, 1).resumed(&[]);
+    assert_eq!((report.outcome.as_str(), report.notes.len()), ("built", 1), "{:?}", report.notes);
+    assert_eq!(report.agents.alive, 41, "{:?}", report.faults);
+    assert!((0..2).all(|i| site.log(i).contains("another controller has taken over")));
+}
+
+/// A daemon that does not answer the new controller may go on until its lease ends, and so long it is not counted as dead.
+#[test]
+fn a_machine_that_does_not_answer_the_new_controller_is_lost() {
+    let _alone = ALONE.lock();
+    let mut site = Site::new(3);
+    site.start_all();
+    let daemon = Pid::from_child(&site.daemons[0]);
+    let orphaned = Orphaned::new(&site, 2);
+    kill_process(daemon, Signal::STOP).unwrap();
+    let report = orphaned.resumed(&[]);
+    assert!(are_lost(&report, 14..28), "{:?} {:?} {:?}", report.agents, report.notes, report.faults);
+    kill_process(daemon, Signal::CONT).unwrap();
+    wait_until("its share to end", || site.log(0).contains("the controller has been silent for too long"));
+}
+
+/// The controller's machine is lost with its modules, its run directory and its clock, but not the journal.
+#[test]
+fn a_run_goes_on_from_another_machine() {
+    let _alone = ALONE.lock();
+    let mut site = Site::new(3);
+    site.start_all();
+    let orphaned = Orphaned::new(&site, 3);
+    let hosts = site.text("hosts.toml");
+    let elsewhere = ["--old-host-is-gone", "--hosts", &hosts];
+    let refused = run(&[&["resume", &orphaned.journal][..], &elsewhere].concat());
+    assert!(refused.2.contains("the controller's machine is not lost"), "{refused:?}");
+    for pid in fs::read_dir(pid_directory(&orphaned.root())).unwrap() {
+        let agent: Identity = fs::read_to_string(pid.unwrap().path()).unwrap().parse().unwrap();
+        let _ = kill_process(Pid::from_raw(agent.pid).unwrap(), Signal::KILL);
+    }
+    let root = orphaned.root();
+    wait_until("its files to go", || {
+        let _ = metamorph(program(), &["clean"]).output();
+        !root.exists()
+    });
+    let report = orphaned.resumed(&elsewhere);
+    assert!(are_lost(&report, 0..14), "{:?} {:?} {:?}", report.agents, report.notes, report.faults);
+    assert!(report.notes.iter().any(|note| note.contains("h1 was lost")), "{:?}", report.notes);
+    assert!(site.log(0).contains("another controller has taken over"));
+}
+
+#[test]
+#[ignore = "statistics: twenty minutes of runs"]
+fn fifty_runs_on_three_machines_go_on_with_another_controller() {
+    let _alone = ALONE.lock();
+    let mut site = Site::new(3);
+    site.start_all();
+    for seed in 0..50 {
+        let report = Orphaned::new(&site, seed).resumed(&[]);
+        println!("seed {seed}: {} with {} alive: {:?}", report.outcome, report.agents.alive, report.notes);
+        assert_eq!((report.outcome.as_str(), report.notes.len()), ("built", 1));
+    }
 }

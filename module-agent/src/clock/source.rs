@@ -51,13 +51,13 @@ impl FileClock {
         Ok(FileClock { page: File::options().read(true).write(true).open(path(root))? })
     }
 
-    /// Creates the clock of a new run in `root`. Scenario time stands at zero.
+    /// Creates the clock of a run in `root`. Scenario time stands still, at `time`.
     ///
     /// # Errors
     /// If the clock page cannot be written.
-    pub fn create(root: &Path) -> io::Result<FileClock> {
+    pub fn create(root: &Path, time: Time) -> io::Result<FileClock> {
         let part = root.join("clock.part");
-        Page::stopped(monotonic(), Time::ZERO).write(&File::create(&part)?)?;
+        Page::stopped(monotonic(), time).write(&File::create(&part)?)?;
         fs::rename(&part, path(root))?;
         FileClock::open_writable(root)
     }

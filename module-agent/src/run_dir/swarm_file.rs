@@ -131,11 +131,22 @@ pub fn keeps_journal(bytes: &[u8]) -> bool {
 /// Returns the bytes of a swarm file for the agents of a daemon: they end with it, and on another machine they write their
 /// parts of the journal into another directory. Bytes that are no swarm file stay as they are, and agents refuse them.
 pub fn for_daemon(bytes: &[u8], parts_in: Option<&Path>) -> Vec<u8> {
+    changed(bytes, |file| {
+        file.patience = 0;
+        if let Some((parts, directory)) = file.journal.as_mut().zip(parts_in) {
+            parts.dir = directory.to_owned();
+        }
+    })
+}
+
+/// Returns the bytes of a swarm file for agents that write their parts of the journal into another directory.
+pub fn with_parts_in(bytes: &[u8], directory: &Path) -> Vec<u8> {
+    changed(bytes, |file| file.journal.iter_mut().for_each(|parts| parts.dir = directory.to_owned()))
+}
+
+fn changed(bytes: &[u8], change: impl FnOnce(&mut SwarmFile<()>)) -> Vec<u8> {
     let Some((mut file, common)) = common_part(bytes) else { return bytes.to_vec() };
-    file.patience = 0;
-    if let Some((parts, directory)) = file.journal.as_mut().zip(parts_in) {
-        parts.dir = directory.to_owned();
-    }
+    change(&mut file);
     match bincode::serde::encode_to_vec(&file, standard()) {
         Ok(body) => [&bytes[..MAGIC.len() + 2], &body, &bytes[common..]].concat(),
         Err(_) => bytes.to_vec(),

@@ -125,6 +125,13 @@ pub struct ResumeArgs {
     /// The journal of the run
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
+    /// Go on from this machine, since that of the controller is lost for good; its modules count as dead.
+    /// Nothing checks that it is lost, and two controllers would break the run
+    #[arg(long, requires = "hosts")]
+    pub old_host_is_gone: bool,
+    /// With --old-host-is-gone: the hosts, as seen from this machine, with the keys of h1
+    #[arg(long, value_name = "FILE", requires = "old_host_is_gone", value_parser = hosts_file)]
+    pub hosts: Option<HostsFile>,
     /// Write the report as JSON to a file, or to standard output with `-` (text for people then goes
     /// to standard error)
     #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
@@ -449,11 +456,15 @@ pub struct HostsArg {
     pub file: Option<HostsFile>,
 }
 
+fn hosts_file(text: &str) -> Result<HostsFile, String> {
+    HostsFile::read(Path::new(text)).map_err(|e| e.to_string())
+}
+
 fn hosts(text: &str) -> Result<HostsArg, String> {
     if let Ok(count) = text.parse() {
         return Ok(HostsArg { count, file: None });
     }
-    let file = HostsFile::read(Path::new(text)).map_err(|e| e.to_string())?;
+    let file = hosts_file(text)?;
     Ok(HostsArg { count: file.count() as u64, file: Some(file) })
 }
 

@@ -177,11 +177,13 @@ Examples:
   metamorph run deploy/scenarios/swarm.toml --journal run.journal --patience 60s
   (its controller is killed, for example by kill -9)
   metamorph resume run.journal
+  metamorph resume run.journal --hosts hosts.toml --old-host-is-gone
 
 The controller hosts the simulated bodies, so without it nothing moves, while modules keep exchanging
 messages. Bodies and controller are rebuilt from the journal. Modules wait for --patience; after that, or
-if the machine was restarted, the run cannot be resumed. The daemons of a run with --hosts wait as well if
-all are on this machine; a run with hosts on other machines cannot be resumed.";
+if the machine was restarted, the run cannot be resumed. The daemons of a run with --hosts wait as well on
+this machine; on other machines they wait for the `fence` of the hosts file, and those that have ended count
+as lost. With --old-host-is-gone the run goes on from another machine that has the parts of the journal.";
 
 pub const DOCTOR_EXAMPLES: &str = "\
 Examples:

@@ -88,7 +88,8 @@ pub fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8,
 
 /// Resumes a run whose controller was killed.
 pub fn resume(args: ResumeArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
-    let left = processes::left_behind(families(), &args.file)?;
+    let mut left = processes::left_behind(families(), &args.file)?;
+    left.elsewhere = args.hosts;
     let plan = left.plan.clone();
     let mut outputs = Outputs::new();
     outputs.reads("the scenario", Path::new(&plan.origin));

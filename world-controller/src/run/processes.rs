@@ -19,7 +19,7 @@ use crate::scenario::Plan;
 use crate::scenario::family::Families;
 use crate::swarm::{
     CleanError, Crash, FULL, HostsFile, HostsOptions, Meter, NotResumable, Resumption, SwarmError,
-    SwarmOptions, SwarmOutcome, WATCH, adopt, build, clean, resume_swarm, run_swarm,
+    SwarmOptions, SwarmOutcome, WATCH, adopt, adopt_elsewhere, build, clean, resume_swarm, run_swarm,
 };
 use metamorph_module_agent::clock::Speed;
 use metamorph_module_agent::journal_file::{Head, Parts, Reader, RunId, controller_part};
@@ -121,6 +121,8 @@ pub struct Processes<'l> {
 pub struct LeftBehind {
     /// The plan of the run.
     pub plan: Plan,
+    /// The hosts file, if the controller's machine is lost and the run goes on from this one.
+    pub elsewhere: Option<HostsFile>,
     file: PathBuf,
     run: RunId,
     part: Reader,
@@ -144,7 +146,7 @@ pub fn left_behind(families: Families, file: &Path) -> Result<LeftBehind, Proces
     for record in Journal::open(&parts)? {
         record.map_err(JournalError::from)?;
     }
-    Ok(LeftBehind { plan: plan_of(families, &head)?, file, run: head.run, part })
+    Ok(LeftBehind { plan: plan_of(families, &head)?, elsewhere: None, file, run: head.run, part })
 }
 
 fn options<R: Runnable>(swarm: &R, plan: &Plan, parts: Option<&Parts>) -> Result<SwarmOptions, ProcessError> {
@@ -175,9 +177,7 @@ pub fn run<R: Runnable>(swarm: &R, plan: &Plan, processes: Processes<'_>) -> Res
         let clock_error = clock_error.unwrap_or_default();
         options.hosts = HostsOptions { addresses, keys, clock_error, timing, ..options.hosts };
     }
-    // A daemon on another machine cannot tell a controller that was killed from one that is cut off.
-    let may_be_resumed = keeping.is_some() && !options.hosts.are_away();
-    options.patience = if may_be_resumed { patience } else { Duration::ZERO };
+    options.patience = if keeping.is_some() { patience } else { Duration::ZERO };
     let brain = swarm.director(plan);
     let mut director =
         Watched::<R> { brain, plan, live, meter: Meter::new(&options), share: Arc::clone(&options.share) };
@@ -208,18 +208,20 @@ pub fn resume<R: Runnable>(
     since: Stopwatch,
     page: PageChannels,
 ) -> Result<Report, ProcessError> {
-    let LeftBehind { plan, file, run, mut part } = left;
+    let LeftBehind { plan, elsewhere, file, run, mut part } = left;
     let plan = &plan;
     // Take over first, so that no other controller writes to the journal while it is read.
     let parts = parts_of(&file);
-    let adopted = adopt(&parts, build())?;
+    let adopted = match &elsewhere {
+        Some(hosts) => adopt_elsewhere(&parts, build(), hosts)?,
+        None => adopt(&parts, build())?,
+    };
     let recovered = recover(swarm, plan, part.by_ref())?;
     let Recovered { world, director, struck, until, agents, latest, restarting, finishing, links, counted } =
         recovered;
-    let mut said = vec![format!(
-        "the controller was killed; another one resumed the run at {}",
-        seconds(until.as_secs_f64())
-    )];
+    let what =
+        if elsewhere.is_some() { "the controller's machine was lost" } else { "the controller was killed" };
+    let mut said = vec![format!("{what}; another one resumed the run at {}", seconds(until.as_secs_f64()))];
     said.extend(
         part.torn().map(|torn| {
             format!("the controller's part of the journal was cut off after {} bytes", torn.whole)

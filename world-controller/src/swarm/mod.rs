@@ -37,7 +37,9 @@ pub use crate::swarm::pace::{FULL, Slowed};
 pub use crate::swarm::process::ControlMessage;
 pub use crate::swarm::processes::{resume_swarm, run_swarm};
 pub use crate::swarm::reserve::needed as shared_memory_needed;
-pub use crate::swarm::resume::{Adopted, Counted, NotResumable, Resumption, TakenOver, adopt};
+pub use crate::swarm::resume::{
+    Adopted, Counted, NotResumable, Resumption, TakenOver, adopt, adopt_elsewhere,
+};
 pub use crate::swarm::run_dir::{CleanError, CleanReport, RunDir, RunDirError, clean, leftovers};
 pub use crate::swarm::watch::{SUBCOMMAND as WATCH, watch};
 

@@ -10,6 +10,7 @@ use metamorph_protocol::counters::Tally;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::kernel::sim::Crossings;
+use std::collections::BTreeSet;
 use std::io;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -76,7 +77,7 @@ pub struct SwarmOutcome {
     /// Processes that ended by themselves.
     pub crashes: Vec<Crash>,
     /// Incarnations whose counters could not be read back, with the reason.
-    pub missing_counters: Vec<String>,
+    pub missing_counters: BTreeSet<String>,
     /// The message counts of each incarnation of an agent.
     pub accounts: Vec<(ModuleId, Incarnation, Tally)>,
     /// Number of records that agents could not write to the journal.
@@ -104,7 +105,9 @@ impl SwarmOutcome {
             }
             // Killed before it had started.
             Ok(None) => {}
-            Err(e) => self.missing_counters.push(e),
+            Err(e) => {
+                self.missing_counters.insert(e);
+            }
         }
     }
 

@@ -268,7 +268,7 @@ mod tests {
     fn another_controller_goes_on_from_where_time_stood_still() {
         let dir = tempfile::tempdir().unwrap();
         let pace = |clock| Pace::new(clock, Speed::REAL, Span(100), Arc::default()).unwrap();
-        let mut first = pace(FileClock::create(dir.path()).unwrap());
+        let mut first = pace(FileClock::create(dir.path(), Time::ZERO).unwrap());
         assert_eq!(first.now(), Time::ZERO);
         first.renew().unwrap();
         let promised = first.page.at(u64::MAX);

@@ -4,7 +4,7 @@
 use crate::console::shutdown::Shutdown;
 use crate::swarm::controller_loop::{ControllerLoop, Services};
 use crate::swarm::hosts::{Fleet, Hosts, Inherited, backend};
-use crate::swarm::launcher::{Backend, Found};
+use crate::swarm::launcher::Backend;
 use crate::swarm::links::raise_descriptor_limit;
 use crate::swarm::outcome::{SwarmError, SwarmOutcome};
 use crate::swarm::pace::Pace;
@@ -23,6 +23,7 @@ use metamorph_module_agent::transport::iceoryx::rendezvous::{Rendezvous, SHARD, 
 use metamorph_module_agent::transport::iceoryx::{IceoryxTransport, space};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::HostId;
+use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
 use std::sync::Arc;
@@ -84,7 +85,7 @@ where
         setup,
     }
     .write(dir.root())?;
-    let clock = FileClock::create(dir.root()).map_err(SwarmError::Clock)?;
+    let clock = FileClock::create(dir.root(), Time::ZERO).map_err(SwarmError::Clock)?;
     let pace = pace(options, clock)?;
     let lease = acquire_lease(&dir, 0)?;
     reserve.release_own();
@@ -95,7 +96,7 @@ where
         let services = Services::<Processes> { launcher, transport, pace, reserve, dir: Some(&dir) };
         return ControllerLoop::new(options, services, world, director, begun).run();
     };
-    let new = Inherited { fleet, found: Found::default(), lost: Vec::new() };
+    let new = Inherited::new(fleet);
     let journal = options.journal.as_ref();
     let (transport, launcher) = backend(new, (transport, launcher), dir.root(), lease.generation, journal)?;
     let services = Services::<Hosts> { launcher, transport, pace, reserve, dir: Some(&dir) };
@@ -120,15 +121,27 @@ where
 {
     let count = world.len();
     let begun = begin(options, count)?;
-    let Adopted { mut dir, epoch } = adopted;
+    let Adopted { mut dir, epoch, lock } = adopted;
     watch_over(&mut dir, options)?;
     options.root.get_or_init(|| dir.root().to_owned());
-    let before = ControllerLease::read(dir.root()).map_err(SwarmError::Identity)?;
-    let pace = pace(options, FileClock::open_writable(dir.root()).map_err(SwarmError::Clock)?)?;
-    let generation = before.generation + 1;
+    let generation = match lock {
+        // The directory is new; only the first controller of a run has generation 0.
+        Some(_) => 1,
+        None => ControllerLease::read(dir.root()).map_err(SwarmError::Identity)?.generation + 1,
+    };
     let is_divided = options.link.hosts.as_ref().is_some_and(|hosts| hosts.len() > 1);
     let wanted = resumption.agents.iter().map(|agent| (agent.id, agent.incarnation)).collect();
-    let inherited = is_divided.then(|| Fleet::take_over(dir.root(), &wanted)).transpose()?;
+    let parts = options.journal.as_ref().map(|parts| parts.dir.as_path());
+    let mut inherited = is_divided.then(|| Fleet::take_over(dir.root(), &wanted, parts)).transpose()?;
+    let clock = match (&mut inherited, &lock) {
+        (Some(inherited), Some(_)) => {
+            inherited.has_moved = true;
+            // No host is ahead of the controller.
+            FileClock::create(dir.root(), inherited.time.max(resumption.until))
+        }
+        _ => FileClock::open_writable(dir.root()),
+    };
+    let pace = pace(options, clock.map_err(SwarmError::Clock)?)?;
     // First the channels, then the lease: an agent that finds the new controller can reach it.
     let (transport, launcher) =
         attach(launch(options, &dir, generation), &options.shutdown, &dir, count, is_divided)?;

@@ -1,17 +1,20 @@
 //! The input of a controller that goes on with a swarm, besides its world and its director: the run's
 //! directory, the time of its beginning, and the messages sent to each agent.
 
-use super::hosts::{FleetError, Succession};
+use super::hosts::{FleetError, HostsFile, Succession};
 use super::process::ControlMessage;
 use super::run_dir::{RunDir, RunDirError};
+use metamorph_module_agent::clock::monotonic;
 use metamorph_module_agent::regular_file;
+use metamorph_module_agent::run_dir::controller_lease::mark_resumable;
 use metamorph_module_agent::run_dir::run_name::{RunName, RunNameError};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::link::LinkChanges;
 use metamorph_protocol::time::Time;
+use rustix::fs::{FlockOperation, flock};
 use std::collections::{BTreeSet, VecDeque};
-use std::fs;
+use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -28,6 +31,19 @@ pub enum NotResumable {
     /// The file that names the run is damaged.
     #[error("{0} is damaged: it does not name the run and the time of its beginning")]
     Damaged(PathBuf),
+    /// The controller's machine is said to be lost, and is this one.
+    #[error(
+        "the run's directory {0} is on this machine, so the controller's machine is not lost\n  fix: leave out `--old-host-is-gone`"
+    )]
+    NotLost(PathBuf),
+    /// The run has no hosts on other machines.
+    #[error(
+        "{0} holds nothing about other hosts, so all modules were lost with the controller's machine\n  fix: run the scenario again"
+    )]
+    NothingElsewhere(PathBuf),
+    /// Another controller has taken over.
+    #[error("{0} is locked: another controller has taken over the run\n  fix: wait for its end")]
+    Taken(PathBuf),
     /// The hosts of the run cannot be taken over.
     #[error(transparent)]
     Hosts(#[from] FleetError),
@@ -78,8 +94,26 @@ pub struct Resumption<A: Agent> {
 /// A run whose controller is dead and that this process has taken over.
 pub struct Adopted {
     pub(super) dir: RunDir,
-    /// CLOCK_MONOTONIC at scenario time zero.
+    /// CLOCK_MONOTONIC at scenario time zero, or at the takeover if the controller before was on another machine.
     pub(super) epoch: u64,
+    /// Held if the controller before was on another machine, which is lost.
+    pub(super) lock: Option<TakeoverLock>,
+}
+
+/// The lock that keeps controllers on several machines from taking over one run, as far as the file system of its journal
+/// locks across machines.
+pub struct TakeoverLock(#[allow(dead_code, reason = "the lock ends with it")] File);
+
+impl TakeoverLock {
+    fn take(parts: &Path) -> Result<TakeoverLock, NotResumable> {
+        let path = parts.join("takeover");
+        let file = File::options().create(true).append(true).open(&path);
+        let file = file.map_err(|e| NotResumable::NotBegun(path.clone(), e))?;
+        match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+            Ok(()) => Ok(TakeoverLock(file)),
+            Err(_) => Err(NotResumable::Taken(path)),
+        }
+    }
 }
 
 /// Takes over the run whose journal is in `parts`, with a program of this build. From here on no other process can.
@@ -88,8 +122,28 @@ pub struct Adopted {
 /// If the run is unknown, gone, or has a controller, or its other hosts cannot be taken over.
 pub fn adopt(parts: &Path, build: u64) -> Result<Adopted, NotResumable> {
     let (run, epoch) = read_run(parts)?;
-    Succession::check(&run.root(), build)?;
-    Ok(Adopted { dir: RunDir::adopt(run)?, epoch })
+    Succession::find(&run.root(), build)?;
+    Ok(Adopted { dir: RunDir::adopt(run)?, epoch, lock: None })
+}
+
+/// Takes over the run whose journal is in `parts` on this machine, after that of its controller has been lost. Its other hosts
+/// are where the hosts file says. Nothing shows that the other machine is lost: the caller vouches for it.
+///
+/// # Errors
+/// If the run is unknown, is on this machine, has no other hosts, or another controller has taken over.
+pub fn adopt_elsewhere(parts: &Path, build: u64, hosts: &HostsFile) -> Result<Adopted, NotResumable> {
+    let (run, _) = read_run(parts)?;
+    if run.root().exists() {
+        return Err(NotResumable::NotLost(run.root()));
+    }
+    let lock = TakeoverLock::take(parts)?;
+    let succession = Succession::find(parts, build)?;
+    let succession = succession.ok_or_else(|| NotResumable::NothingElsewhere(parts.to_owned()))?;
+    let (dir, epoch) = (RunDir::create()?, monotonic());
+    succession.move_to(dir.root(), parts, hosts)?;
+    let begin = write_run(parts, dir.root(), epoch).and_then(|()| mark_resumable(dir.root()));
+    begin.map_err(|e| RunDirError::Create(parts.to_owned(), e))?;
+    Ok(Adopted { dir, epoch, lock: Some(lock) })
 }
 
 /// The counts of the controller itself.

@@ -9,7 +9,7 @@ use crate::swarm::launcher::{Event, Found, Launcher, Takeover};
 use crate::swarm::outcome::SwarmError;
 use crate::swarm::reaper::ReaperThread;
 use crate::swarm::reserve::SCARCE;
-use crate::swarm::run_dir::{identities, kill, log_directory};
+use crate::swarm::run_dir::{agent_of, identities, kill, log_directory};
 use crate::swarm::signals;
 use metamorph_module_agent::AgentArgs;
 use metamorph_module_agent::run_dir::counter_file::{AgentCounters, CounterFile};
@@ -18,7 +18,6 @@ use metamorph_module_agent::run_dir::run_name::HOME;
 use metamorph_module_agent::transport::AgentKey;
 use metamorph_module_agent::transport::iceoryx::rendezvous::{self, ChannelError, Notifier, Rendezvous};
 use metamorph_module_agent::transport::iceoryx::space;
-use metamorph_protocol::ids::{Incarnation, ModuleId};
 use rustix::process::{
     Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, kill_process, pidfd_open, pidfd_send_signal, waitid,
 };
@@ -155,11 +154,7 @@ impl Launcher for Supervisor {
 impl Takeover for Supervisor {
     fn take_over(&mut self, root: &Path, wanted: &BTreeSet<AgentKey>) -> Found {
         let mut found = Found::default();
-        let key = |name: &str| {
-            let (id, incarnation) = name.split_once('.')?;
-            Some((ModuleId(id.parse().ok()?), Incarnation(incarnation.parse().ok()?)))
-        };
-        for (agent, identity) in identities(root).filter_map(|(name, is)| Some((key(&name)?, is))) {
+        for (agent, identity) in identities(root).filter_map(|(name, is)| Some((agent_of(&name)?, is))) {
             // Numbers of incarnations that had not begun are used up too.
             found.latest.push(agent);
             if wanted.contains(&agent) {

@@ -66,6 +66,12 @@ struct Shared {
     drained: BTreeSet<HostId>,
     accounts: BTreeMap<HostId, (AgentCounters, BTreeMap<HostId, Tally>)>,
     lost: BTreeSet<HostId>,
+    /// Hosts on other machines that this controller has called, and that have not been heard since.
+    called: BTreeSet<HostId>,
+    /// When they had been called, and how long they may act without hearing a controller.
+    call: (Stopwatch, Duration),
+    /// True if the controller before was on another machine, which is lost with the counts made there.
+    has_moved: bool,
     /// The run directories of killed daemons, removed with the run.
     inherited: BTreeMap<HostId, RunDir>,
     /// Messages with agents of each other host: from it, and to it.
@@ -110,8 +116,17 @@ impl Shared {
                 }
                 State::Fenced => self.lose(host, "the host was silent for too long"),
                 State::Closed => self.lose(host, "its daemon was asked to end"),
-                state => tracing::info!("the link to {host} is {state:?}"),
+                state => {
+                    self.called.remove(&host);
+                    tracing::info!("the link to {host} is {state:?}");
+                }
             }
+        }
+        if self.call.0.elapsed() > self.call.1 {
+            let unheard = std::mem::take(&mut self.called);
+            unheard
+                .into_iter()
+                .for_each(|host| self.lose(host, "it did not answer the controller that took over"));
         }
         for host in self.fleet.roots.keys().copied().collect::<Vec<_>>() {
             loop {
@@ -131,22 +146,22 @@ impl Shared {
     /// Takes parts of the journal from a host.
     fn collect(&mut self, host: HostId) {
         while let Ok(Some(stretch)) = self.node.hear_in_bulk::<Stretch>(host) {
-            if self.node.home(stretch.agent.0) != host {
-                tracing::warn!(
-                    "{host} sends the journal of module {}, which is not its own",
-                    stretch.agent.0
-                );
-                continue;
-            }
-            if let Some(Err(e)) = self.collected.as_mut().map(|collected| collected.put(&stretch)) {
-                tracing::warn!("the journal of module {} ends early: {e}", stretch.agent.0);
-            }
+            self.put(host, &stretch);
+        }
+    }
+
+    fn put(&mut self, host: HostId, stretch: &Stretch) {
+        let id = stretch.agent.0;
+        if self.node.home(id) != host {
+            tracing::warn!("{host} sends the journal of module {id}, which is not its own");
+        } else if let Some(Err(e)) = self.collected.as_mut().map(|collected| collected.put(stretch)) {
+            tracing::warn!("the journal of module {id} ends early: {e}");
         }
     }
 
     /// Sends the clock page to hosts with a clock of their own, once it has changed.
     fn tell_time(&mut self) {
-        let away: Vec<HostId> = self.present().into_iter().filter(|host| self.fleet.is_away(*host)).collect();
+        let away: Vec<HostId> = self.fleet.away().filter(|host| !self.lost.contains(host)).collect();
         if away.is_empty() {
             return;
         }
@@ -186,6 +201,7 @@ impl Shared {
             ToController::Continued(agent) if is_theirs(&agent) => {
                 self.events.push_back(Event::Continued(agent));
             }
+            ToController::Journal(stretch) => self.put(host, &stretch),
             ToController::Drained => {
                 self.drained.insert(host);
             }
@@ -227,13 +243,10 @@ impl Shared {
         host: HostId,
         (id, incarnation): AgentKey,
     ) -> Result<Option<AgentCounters>, String> {
-        let root = self.root_of(host).ok_or_else(|| format!("{host} was lost, and its directory is gone"))?;
+        let root = self
+            .root_of(host)
+            .ok_or_else(|| format!("{host} was lost, and the counts of its agents with it"))?;
         CounterFile::read(root, id, incarnation).map_err(|e| e.to_string())
-    }
-
-    /// Reads counters of an agent elsewhere whose end was reported to an earlier controller.
-    fn earlier_counters(&self, agent: AgentKey) -> Result<Option<AgentCounters>, String> {
-        if self.generation == 0 { Ok(None) } else { self.left_counters(self.home(agent), agent) }
     }
 
     /// Ends all agents of a host that is gone for good. Their counters outlive them on this machine.
@@ -297,7 +310,9 @@ pub fn backend(
     generation: u32,
     journal: Option<&Parts>,
 ) -> Result<(HostsTransport, HostsLauncher), SwarmError> {
-    let Inherited { mut fleet, found, lost } = inherited;
+    let Inherited { mut fleet, found, ended, lost, since, has_moved, .. } = inherited;
+    let called = if generation == 0 { BTreeSet::new() } else { fleet.away().collect() };
+    let fence = Duration::from_nanos(fleet.own.silent_and_fence.1.0);
     let mut node = Node::new(&fleet.own, root, generation).map_err(SwarmError::Clock)?;
     for (host, connection) in fleet.connections().map_err(SwarmError::Supervisor)? {
         node.attach(host, connection).map_err(SwarmError::Supervisor)?;
@@ -310,10 +325,13 @@ pub fn backend(
         frames: VecDeque::new(),
         events: VecDeque::new(),
         away: BTreeMap::new(),
-        counters: BTreeMap::new(),
+        counters: ended,
         drained: BTreeSet::new(),
         accounts: BTreeMap::new(),
         lost: BTreeSet::new(),
+        called,
+        call: (since, fence),
+        has_moved,
         inherited: BTreeMap::new(),
         bodies: BTreeMap::new(),
         clock,
@@ -488,8 +506,19 @@ impl Launcher for HostsLauncher {
     fn counters(&self, agent: AgentKey) -> Result<Option<AgentCounters>, String> {
         let shared = self.shared.borrow();
         match shared.home(agent) {
-            HostId::CONTROLLER => self.local.counters(agent),
-            _ => shared.counters.get(&agent).cloned().unwrap_or_else(|| shared.earlier_counters(agent)),
+            HostId::CONTROLLER => match self.local.counters(agent) {
+                Ok(None) if shared.has_moved => {
+                    Err(format!("{} was lost, and the counts of its agents with it", HostId::CONTROLLER))
+                }
+                counters => counters,
+            },
+            home => {
+                shared.counters.get(&agent).cloned().unwrap_or_else(|| match shared.lost.contains(&home) {
+                    // Its end may have been reported to an earlier controller.
+                    true if shared.generation > 0 => shared.left_counters(home, agent),
+                    _ => Ok(None),
+                })
+            }
         }
     }
 
@@ -505,6 +534,7 @@ impl Launcher for HostsLauncher {
             counters.extend(read?);
         }
         let missing = shared.fleet.roots.keys().filter(|host| !shared.accounts.contains_key(host));
+        let missing = shared.has_moved.then_some(&HostId::CONTROLLER).into_iter().chain(missing);
         Ok(Some(HostsAccount {
             counters,
             missing: missing.copied().collect(),

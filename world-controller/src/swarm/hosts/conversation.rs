@@ -32,6 +32,8 @@ struct Conversation {
 pub struct Conversations {
     agents: BTreeMap<AgentKey, Conversation>,
     latest: BTreeMap<ModuleId, Incarnation>,
+    /// Agents that have ended.
+    ended: BTreeSet<AgentKey>,
     /// Agents that no controller wants any more.
     unwanted: BTreeSet<AgentKey>,
 }
@@ -46,6 +48,7 @@ impl Conversations {
     /// Notes that an agent has ended. Returns false if the controller does not know of it.
     pub fn end(&mut self, agent: AgentKey) -> bool {
         self.agents.remove(&agent);
+        self.ended.insert(agent);
         !self.unwanted.remove(&agent)
     }
 
@@ -99,6 +102,11 @@ impl Conversations {
         wanted.iter().copied().filter(|agent| self.agents.contains_key(agent)).collect()
     }
 
+    /// Iterates over the agents that have ended here.
+    pub fn ended(&self) -> impl Iterator<Item = AgentKey> {
+        self.ended.iter().copied()
+    }
+
     /// Returns the latest incarnation of each module that has been started here.
     pub fn latest(&self) -> Vec<AgentKey> {
         self.latest.iter().map(|(id, incarnation)| (*id, *incarnation)).collect()
@@ -144,7 +152,7 @@ mod tests {
         talk.begin(other);
         let wanted = BTreeSet::from([AGENT, (ModuleId(9), Incarnation(0))]);
         assert_eq!((talk.take_over(&wanted), talk.present(&wanted)), (vec![other], vec![AGENT]));
-        assert_eq!(talk.latest(), [AGENT, other]);
+        assert_eq!((talk.latest(), talk.ended().count()), (vec![AGENT, other], 0));
         // What it says before it is called is found in the journal.
         assert!(!talk.hear(&frame(Channel::Body, 3, true)));
         let here = talk.tell(AGENT, &call()).unwrap();
@@ -154,5 +162,6 @@ mod tests {
         assert!(talk.hear(&frame(Channel::Body, 4, true)), "from now on it is heard");
         assert!(talk.end(AGENT) && !talk.end(other), "the end of an unwanted agent is not reported");
         assert!(talk.tell(AGENT, &call()).is_none());
+        assert_eq!(talk.ended().collect::<Vec<_>>(), [AGENT, other]);
     }
 }

@@ -400,10 +400,10 @@ impl Share<'_> {
     fn connect(&mut self, opening: Opening, visitor: Visitor) {
         let Assignment { run, secret, host, .. } = self.assignment;
         match (opening, visitor) {
-            (Opening::Resume(resuming), Visitor::Unix(stream))
+            (Opening::Resume(resuming), visitor)
                 if (resuming.run, resuming.secret, resuming.host) == (*run, *secret, *host) =>
             {
-                if let Err(e) = self.turn_to(&resuming, stream) {
+                if let Err(e) = self.turn_to(&resuming, visitor) {
                     tracing::warn!("the controller that takes over cannot be reached: {e}");
                 }
             }
@@ -424,16 +424,38 @@ impl Share<'_> {
     }
 
     /// Turns to a controller that has taken over. Agents that it does not know of are ended.
-    fn turn_to(&mut self, resuming: &Resuming, mut stream: UnixStream) -> io::Result<()> {
+    fn turn_to(&mut self, resuming: &Resuming, mut visitor: Visitor) -> io::Result<()> {
         tracing::info!("another controller has taken over");
+        if self.is_away() {
+            self.node.keep_lease();
+        }
         self.node.renew(self.assignment, HostId::CONTROLLER);
         self.watch.forget();
         self.draining = false;
+        self.follower.iter_mut().for_each(Follower::forget);
+        if let Some(written) = &mut self.written {
+            written.turn_to(&resuming.collected);
+        }
         let unwanted = self.conversations.take_over(&resuming.agents);
         unwanted.into_iter().for_each(|agent| self.supervisor.signal(agent, Signal::KILL));
-        let present = self.conversations.present(&resuming.agents);
-        write_opening(&mut stream, &Answer::Resumed { present, latest: self.conversations.latest() })?;
-        self.node.attach(HostId::CONTROLLER, Connection::Unix(stream))
+        let counters =
+            |agent| (agent, self.supervisor.counters(agent).map(|c| c.map(|c| Box::new(c.into()))));
+        let said = Answer::Resumed {
+            present: self.conversations.present(&resuming.agents),
+            latest: self.conversations.latest(),
+            ended: self.conversations.ended().map(counters).collect(),
+            time: self.node.promised(),
+        };
+        if let Some(line) = self.gate.line(self.assignment.run, HostId::CONTROLLER)? {
+            // Before the answer: from then on the controller is heard here.
+            self.node.attach(HostId::CONTROLLER, line)?;
+        }
+        visitor.answer(said)?;
+        match visitor {
+            Visitor::Unix(stream) => self.node.attach(HostId::CONTROLLER, Connection::Unix(stream)),
+            #[cfg(feature = "hosts")]
+            Visitor::Net(_) => Ok(()),
+        }
     }
 
     /// Takes lines to all other hosts into use that need not be dialled.
@@ -554,6 +576,11 @@ impl Share<'_> {
                     let frame = sent.shared(self.node.healed(HostId::CONTROLLER));
                     let answer = frame.and_then(|frame| self.conversations.tell(agent, &frame));
                     if let Some(here) = &answer {
+                        // What the agent has told the controller before is read from its journal.
+                        let written = self.written.as_mut().map(|written| written.since_takeover(agent));
+                        for stretch in written.into_iter().flatten() {
+                            self.node.tell(HostId::CONTROLLER, &ToController::Journal(stretch));
+                        }
                         self.node.tell(HostId::CONTROLLER, &ToController::Frame(Sent::new(here)));
                     }
                     let frame = frame.filter(|_| answer.is_none());
@@ -583,6 +610,11 @@ impl Share<'_> {
             }
         }
         Ok(())
+    }
+
+    /// True if hosts of the run are on other machines.
+    fn is_away(&self) -> bool {
+        self.follower.is_some()
     }
 
     fn is_ours(&self, agent: AgentKey) -> bool {

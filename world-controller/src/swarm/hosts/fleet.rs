@@ -4,21 +4,23 @@
 use super::HostsOptions;
 use super::address::Address;
 use super::connection::Connection;
-use super::messages::{Answer, Assignment, Opening, Resuming};
+use super::messages::{Answer, Assignment, CountersOfAgent, Opening, Resuming};
 use super::node::random;
-use super::reach::{Reach, ReachError};
+use super::parts::Collected;
+use super::reach::{Reach, ReachError, Reached};
 use super::succession::Succession;
 use crate::console::stopwatch::{Stopwatch, wait_until};
 use crate::swarm::SwarmOptions;
 use crate::swarm::launcher::Found;
 use crate::swarm::run_dir::RunDir;
 use metamorph_module_agent::clock::page;
+use metamorph_module_agent::run_dir::counter_file::AgentCounters;
 use metamorph_module_agent::run_dir::run_name::RunName;
 use metamorph_module_agent::run_dir::swarm_file;
 use metamorph_module_agent::transport::AgentKey;
 use metamorph_protocol::ids::HostId;
 use metamorph_protocol::link::Hosts;
-use metamorph_protocol::time::Span;
+use metamorph_protocol::time::{Span, Time};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 use std::os::unix::net::UnixStream;
@@ -51,11 +53,14 @@ pub enum FleetError {
         "the run was begun by another build of the program\n  fix: resume it with the program that began it"
     )]
     OtherBuild,
-    /// A run between machines cannot be resumed.
-    #[error(
-        "the run has a host on another machine ({0}), which cannot tell a controller that was killed from one that is cut off\n  fix: end what is left with `metamorph clean --hosts FILE`, and run the scenario again"
-    )]
-    Away(Address),
+    /// The hosts file of another machine names other hosts than the run has.
+    #[error("the run has {run} hosts, and the hosts file names {file}\n  fix: name the hosts of the run")]
+    OtherHosts {
+        /// Number of hosts of the run.
+        run: usize,
+        /// Number of hosts in the file.
+        file: usize,
+    },
     /// Something of this host is missing.
     #[error("the run on several hosts cannot be prepared: {0}")]
     Prepare(io::Error),
@@ -75,6 +80,9 @@ pub struct Fleet {
     started: Vec<Child>,
     /// True if the daemons were started for this run by an earlier controller.
     are_inherited: bool,
+    /// Hosts on other machines that did not answer the call of this controller. Their agents may act until they have not
+    /// heard a controller for long enough.
+    unanswered: BTreeSet<HostId>,
 }
 
 /// The daemons of a run that another controller has begun.
@@ -84,29 +92,51 @@ pub struct Inherited {
     pub fleet: Fleet,
     /// Their agents.
     pub found: Found,
+    /// The counters of their agents that have ended.
+    pub ended: BTreeMap<AgentKey, Result<Option<AgentCounters>, String>>,
     /// Hosts that have gone meanwhile, and why.
     pub lost: Vec<(HostId, String)>,
+    /// When they had been called.
+    pub since: Stopwatch,
+    /// The latest scenario time that a host shows.
+    pub time: Time,
+    /// True if the controller before was on another machine, which is lost.
+    pub has_moved: bool,
 }
 
 impl Fleet {
     /// Turns the daemons of the run in `root` to this controller, after the one before has died. Agents that are not
-    /// `wanted` are ended.
+    /// `wanted` are ended. `parts` is the directory of the journal.
     ///
     /// # Errors
     /// If nothing is known of the daemons.
-    pub fn take_over(root: &Path, wanted: &BTreeSet<AgentKey>) -> Result<Inherited, FleetError> {
+    pub fn take_over(
+        root: &Path,
+        wanted: &BTreeSet<AgentKey>,
+        parts: Option<&Path>,
+    ) -> Result<Inherited, FleetError> {
         let missing = || io::Error::other("its hosts are not known");
         let succession = Succession::read(root).and_then(|read| read.ok_or_else(missing));
-        let Succession { own, roots, are_ours } = succession.map_err(FleetError::Prepare)?;
-        let reach = Reach::new(&own.addresses, None, own.build)?;
+        let Succession { own, roots, are_ours, keys } = succession.map_err(FleetError::Prepare)?;
+        let reach = Reach::new(&own.addresses, keys.as_deref(), own.build)?;
         let (streams, started) = (BTreeMap::new(), Vec::new());
-        let fleet = Fleet { own, reach, streams, roots, started, are_inherited: are_ours };
-        let mut inherited = Inherited { fleet, found: Found::default(), lost: Vec::new() };
-        for host in inherited.fleet.roots.keys().copied().collect::<Vec<_>>() {
-            if let Err(e) = inherited.call(host, wanted) {
-                inherited.lost.push((host, e.to_string()));
-            }
-        }
+        let unanswered = BTreeSet::new();
+        let fleet = Fleet { own, reach, streams, roots, started, are_inherited: are_ours, unanswered };
+        let collected = match fleet.away().next().and(parts) {
+            Some(parts) => Collected::lengths(parts).map_err(FleetError::Prepare)?,
+            None => BTreeMap::new(),
+        };
+        let mut inherited = Inherited::new(fleet);
+        // At once, since each acts for a limited time without a controller.
+        let answers: Vec<_> = std::thread::scope(|scope| {
+            let (fleet, collected) = (&inherited.fleet, &collected);
+            let call = |host| (host, scope.spawn(move || fleet.call(host, wanted, collected)));
+            let calls: Vec<_> = fleet.roots.keys().copied().map(call).collect();
+            let panicked = |_| Err(FleetError::Prepare(io::Error::other("a call has panicked")));
+            calls.into_iter().map(|(host, call)| (host, call.join().unwrap_or_else(panicked))).collect()
+        });
+        inherited.since = Stopwatch::start();
+        answers.into_iter().for_each(|(host, answer)| inherited.take(host, answer, wanted));
         Ok(inherited)
     }
 
@@ -145,7 +175,8 @@ impl Fleet {
             verbose: options.verbose,
         };
         let (streams, roots, started) = (BTreeMap::new(), BTreeMap::new(), Vec::new());
-        let mut fleet = Fleet { own, reach, streams, roots, started, are_inherited: false };
+        let unanswered = BTreeSet::new();
+        let mut fleet = Fleet { own, reach, streams, roots, started, are_inherited: false, unanswered };
         if given.is_empty() {
             for (host, address) in others.iter().zip(fleet.own.addresses.clone()) {
                 let Address::Unix(socket) = address else { continue };
@@ -156,9 +187,18 @@ impl Fleet {
         for (host, address) in others.into_iter().zip(fleet.own.addresses.clone()) {
             fleet.enlist(host, &address)?;
         }
-        let (own, roots) = (fleet.own.clone(), fleet.roots.clone());
-        let succession = Succession { own, roots, are_ours: given.is_empty() };
-        succession.write(dir.root()).map_err(FleetError::Prepare)?;
+        let (mut own, roots) = (fleet.own.clone(), fleet.roots.clone());
+        // Another controller may be started in another directory.
+        let keys = keys.as_deref().map(std::path::absolute).transpose().map_err(FleetError::Prepare)?;
+        let are_ours = given.is_empty();
+        if let Some(parts) = options.journal.as_ref().filter(|_| fleet.away().next().is_some()) {
+            // For a controller on another machine, whose directory of keys is another one.
+            let succession = Succession { own: own.clone(), roots: roots.clone(), are_ours, keys: None };
+            succession.write(&parts.dir).map_err(FleetError::Prepare)?;
+        }
+        // The swarm file lies beside it.
+        own.swarm.clear();
+        Succession { own, roots, are_ours, keys }.write(dir.root()).map_err(FleetError::Prepare)?;
         Ok(fleet)
     }
 
@@ -185,15 +225,38 @@ impl Fleet {
         }
     }
 
+    /// Calls a daemon.
+    fn call(
+        &self,
+        host: HostId,
+        wanted: &BTreeSet<AgentKey>,
+        collected: &BTreeMap<AgentKey, u64>,
+    ) -> Result<Reached, FleetError> {
+        let Assignment { hosts, run, secret, addresses, .. } = &self.own;
+        let is_there = |(id, _): &&AgentKey| hosts.is_home(*id, host);
+        let opening = Opening::Resume(Box::new(Resuming {
+            run: *run,
+            secret: *secret,
+            host,
+            agents: wanted.iter().filter(is_there).copied().collect(),
+            collected: collected.iter().filter(|(agent, _)| is_there(agent)).map(|(a, n)| (*a, *n)).collect(),
+        }));
+        let address = addresses.get(host.index() - 1);
+        let address = address.ok_or_else(|| FleetError::Refused(host, "it has no address".to_owned()))?;
+        Ok(self.reach.ask(host, address, &opening, Duration::ZERO)?)
+    }
+
     /// Returns the connections of the run, each once.
     ///
     /// # Errors
     /// If a session has ended.
     pub fn connections(&mut self) -> io::Result<Vec<(HostId, Connection)>> {
         let mut streams = std::mem::take(&mut self.streams);
-        // A daemon that is gone when the run is resumed has none.
-        let is_there =
-            |(host, root): &(&HostId, &Option<PathBuf>)| root.is_none() || streams.contains_key(host);
+        // A daemon of this machine that is gone when the run is resumed has none.
+        let is_there = |(host, root): &(&HostId, &Option<PathBuf>)| match root {
+            None => !self.unanswered.contains(host),
+            Some(_) => streams.contains_key(host),
+        };
         let there: Vec<HostId> = self.roots.iter().filter(is_there).map(|(host, _)| *host).collect();
         let connect = |host: &HostId| {
             let connection = self.reach.connection(self.own.run, *host, streams.remove(host))?;
@@ -202,9 +265,9 @@ impl Fleet {
         there.iter().map(connect).collect()
     }
 
-    /// Returns true if a host has a clock of its own.
-    pub fn is_away(&self, host: HostId) -> bool {
-        self.roots.get(&host).is_some_and(Option::is_none)
+    /// Iterates over the hosts on other machines.
+    pub fn away(&self) -> impl Iterator<Item = HostId> {
+        self.roots.iter().filter(|(_, root)| root.is_none()).map(|(host, _)| *host)
     }
 
     /// Connects to a daemon that was just started, which takes a moment to listen.
@@ -242,25 +305,36 @@ fn start(program: &Path, socket: &Path) -> io::Result<Child> {
 }
 
 impl Inherited {
-    /// Calls a daemon.
-    fn call(&mut self, host: HostId, wanted: &BTreeSet<AgentKey>) -> Result<(), FleetError> {
-        let Fleet { own, reach, streams, .. } = &mut self.fleet;
-        let is_there = |(id, _): &&AgentKey| own.hosts.is_home(*id, host);
-        let agents = wanted.iter().filter(is_there).copied().collect();
-        let opening = Opening::Resume(Box::new(Resuming { run: own.run, secret: own.secret, host, agents }));
-        // Invariant: each host but the controller's has an address.
-        let Some(address) = own.addresses.get(host.index() - 1) else { return Ok(()) };
-        let reached = reach.ask(host, address, &opening, Duration::ZERO)?;
-        match reached.answer {
-            Answer::Resumed { present, latest } => {
-                streams.extend(reached.stream.map(|stream| (host, stream)));
+    /// Wraps the daemons of a run that begins.
+    pub fn new(fleet: Fleet) -> Inherited {
+        let (found, ended) = (Found::default(), BTreeMap::new());
+        let (since, time) = (Stopwatch::start(), Time::ZERO);
+        Inherited { fleet, found, ended, lost: Vec::new(), since, time, has_moved: false }
+    }
+
+    /// Takes the answer of a daemon.
+    fn take(&mut self, host: HostId, answer: Result<Reached, FleetError>, wanted: &BTreeSet<AgentKey>) {
+        let why = match answer {
+            Ok(Reached { answer: Answer::Resumed { present, latest, ended, time }, stream, .. }) => {
+                self.fleet.streams.extend(stream.map(|stream| (host, stream)));
                 self.found.present.extend(present.into_iter().map(|agent| (agent, true)));
                 self.found.latest.extend(latest);
-                Ok(())
+                self.time = self.time.max(time);
+                let counters = |(agent, c): (_, CountersOfAgent)| (agent, c.map(|c| c.map(|c| (*c).into())));
+                return self.ended.extend(ended.into_iter().map(counters));
             }
-            Answer::Refused(why) => Err(FleetError::Refused(host, why)),
-            _ => Err(FleetError::Refused(host, "it answers something else".to_owned())),
-        }
+            Ok(Reached { answer: Answer::Refused(why), .. }) => FleetError::Refused(host, why),
+            Ok(_) => FleetError::Refused(host, "it answers something else".to_owned()),
+            Err(e) if self.fleet.roots.get(&host).is_some_and(Option::is_none) => {
+                tracing::warn!("{e}");
+                self.fleet.unanswered.insert(host);
+                let hosts = &self.fleet.own.hosts;
+                let theirs = wanted.iter().filter(|(id, _)| hosts.is_home(*id, host));
+                return self.found.present.extend(theirs.map(|agent| (*agent, false)));
+            }
+            Err(e) => e,
+        };
+        self.lost.push((host, why.to_string()));
     }
 }
 

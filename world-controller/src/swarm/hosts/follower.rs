@@ -6,7 +6,7 @@ use metamorph_module_agent::clock::Speed;
 use metamorph_module_agent::clock::page::Page;
 use metamorph_module_agent::clock::source::{ClockSource, FileClock};
 use metamorph_protocol::host_link::ClockInterval;
-use metamorph_protocol::time::Span;
+use metamorph_protocol::time::{Span, Time};
 use std::io;
 use std::path::Path;
 
@@ -32,7 +32,7 @@ impl Follower {
     /// # Errors
     /// If the page cannot be written.
     pub fn create(root: &Path, most: Span) -> io::Result<Follower> {
-        let clock = FileClock::create(root)?;
+        let clock = FileClock::create(root, Time::ZERO)?;
         let page = clock.read_page()?;
         Ok(Follower { clock, page, latest: None, most, is_lost: false })
     }
@@ -40,6 +40,11 @@ impl Follower {
     /// Takes a page of the controller.
     pub fn take(&mut self, page: Page) {
         self.latest = Some(page);
+    }
+
+    /// Forgets the page of a controller whose successor may have another clock.
+    pub fn forget(&mut self) {
+        self.latest = None;
     }
 
     /// Goes on as far as the controller's latest page allows. `ahead` is how far the controller's clock is ahead of the
@@ -100,7 +105,6 @@ fn next_slice(page: &Page, target: &Page, now: u64) -> Option<(u64, Speed)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metamorph_protocol::time::Time;
 
     const SLICE: u64 = 25_000_000;
 

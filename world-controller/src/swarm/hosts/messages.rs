@@ -2,6 +2,7 @@
 //! host link. All of it is bincode with a length before it. Not here: packets, which `protocol` lays out.
 
 use super::address::Address;
+use super::parts::Stretch;
 use bincode::config::standard;
 use metamorph_module_agent::run_dir::counter_file::AgentCounters;
 use metamorph_module_agent::transport::AgentKey;
@@ -19,7 +20,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// What an opening begins with; the last byte is the version of this conversation.
-const MAGIC: [u8; 8] = *b"MMHOSTS\x03";
+const MAGIC: [u8; 8] = *b"MMHOSTS\x04";
 /// Largest opening in bytes: it holds the swarm file, which has the same limit.
 const OPENING_LIMIT: usize = 257 << 20;
 /// Largest message on the stream in bytes.
@@ -105,6 +106,8 @@ pub struct Resuming {
     pub host: HostId,
     /// The agents of that host that take part.
     pub agents: BTreeSet<AgentKey>,
+    /// How many bytes of the journal of each agent of that host have arrived, if it is on another machine.
+    pub collected: BTreeMap<AgentKey, u64>,
 }
 
 /// The answer to an opening.
@@ -118,6 +121,10 @@ pub enum Answer {
         present: Vec<AgentKey>,
         /// The latest incarnation of each module that was started there.
         latest: Vec<AgentKey>,
+        /// The counters of the agents that have ended there.
+        ended: Vec<(AgentKey, CountersOfAgent)>,
+        /// The scenario time at which time stands still there.
+        time: Time,
     },
     /// It does not, for this reason.
     Refused(String),
@@ -126,6 +133,9 @@ pub enum Answer {
     /// What it has removed.
     Cleaned(String),
 }
+
+/// The counters of an agent that has ended; `None` if it never started, or the reason why they cannot be read.
+pub type CountersOfAgent = Result<Option<Box<Account>>, String>;
 
 /// A message from the controller to a daemon.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -165,13 +175,15 @@ pub enum ToController {
         signal: Option<i32>,
         /// The end of its standard error.
         stderr_tail: String,
-        /// Its counters; `None` if it never started.
-        counters: Result<Option<Box<Account>>, String>,
+        /// Its counters.
+        counters: CountersOfAgent,
     },
     /// An agent was stopped by a signal from outside.
     Stopped(AgentKey, i32),
     /// It was continued by a signal from outside.
     Continued(AgentKey),
+    /// Of the journal of an agent that another controller has just called: what that agent may have told the one before.
+    Journal(Stretch),
     /// No frame from this host to another is under way.
     Drained,
     /// What the host itself has counted, and the protocol messages that went from it to each other host.

@@ -64,10 +64,3 @@ pub struct HostsOptions {
     /// How far the clock of another machine may be off (real time).
     pub clock_error: Span,
 }
-
-impl HostsOptions {
-    /// Returns true if hosts are on other machines.
-    pub fn are_away(&self) -> bool {
-        self.addresses.iter().any(|address| matches!(address, Address::Net { .. }))
-    }
-}

@@ -32,7 +32,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Duration;
 
 /// The version of the conversation between hosts.
-pub const PROGRAM: u32 = 3;
+pub const PROGRAM: u32 = 4;
 /// Number of packets taken in one turn.
 const PACKETS: usize = 256;
 /// How long a controller may take at least to get all hosts together before it is heard.
@@ -95,6 +95,8 @@ pub struct Node<L> {
     generation: u32,
     /// How long the controller may take to be heard for the first time.
     grace: Span,
+    /// Until when this host acts if no successor of the controller is heard, on another machine.
+    lease: Option<Time>,
     changes: VecDeque<(HostId, State)>,
     /// The agents of this host.
     pub residents: Residents<L>,
@@ -147,6 +149,7 @@ impl<L: Link> Node<L> {
             life,
             generation,
             grace: assignment.silent_and_fence.1.max(GRACE),
+            lease: None,
             changes: VecDeque::new(),
             residents: Residents::new(),
             tally: Tally::default(),
@@ -154,6 +157,13 @@ impl<L: Link> Node<L> {
             crossed: BTreeMap::new(),
             loose: [0; Class::ALL.len()],
         })
+    }
+
+    /// Keeps the lease that the present controller has given for its successor: a call alone extends nothing, since the
+    /// successor may count this host as dead if it is not heard.
+    pub fn keep_lease(&mut self) {
+        let link = self.peers.get(&HostId::CONTROLLER).map(|peer| &peer.link);
+        self.lease = link.and_then(HostLink::acts_until).or(self.lease);
     }
 
     /// Ends the link to a host for good, and begins one to its successor. What was on its streams is lost.
@@ -170,6 +180,11 @@ impl<L: Link> Node<L> {
             self.tally[class].expired += counts.expired[i];
             self.loose[i] += counts.unaccounted[i] + counts.open[i];
         }
+    }
+
+    /// Returns the scenario time up to which time goes on here at least.
+    pub fn promised(&self) -> Time {
+        self.clock.read_page().map_or(Time::ZERO, |page| page.at(page.until()))
     }
 
     /// Returns true if the link to another host is up.
@@ -210,7 +225,7 @@ impl<L: Link> Node<L> {
     /// Returns true if this host's daemon must not act any longer: the controller may count it as dead, or has left before
     /// the link was up.
     pub fn has_to_stop(&self) -> bool {
-        self.peers.get(&HostId::CONTROLLER).is_some_and(|peer| match peer.link.acts_until() {
+        self.peers.get(&HostId::CONTROLLER).is_some_and(|peer| match peer.link.acts_until().or(self.lease) {
             Some(end) => Time(monotonic()) >= end,
             None => peer.carrier.is_none() || Time(monotonic()) >= peer.attached + self.grace,
         })

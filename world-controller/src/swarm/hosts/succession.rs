@@ -1,8 +1,10 @@
 //! What a controller leaves to the one that takes over after its death: which hosts take part, where their daemons are, and
-//! the secret of the run. It is a file in the run's directory, which only this user can read.
+//! the secret of the run. It is a file in the run's directory, which only this user can read, and another beside the parts of
+//! the journal, for a controller on another machine.
 
 use super::messages::{Assignment, read_opening, write_opening};
-use super::{Address, FleetError};
+use super::{FleetError, HostsFile};
+use metamorph_module_agent::clock::page;
 use metamorph_module_agent::run_dir::swarm_file;
 use metamorph_protocol::ids::HostId;
 use serde::{Deserialize, Serialize};
@@ -23,48 +25,63 @@ pub struct Succession {
     pub roots: BTreeMap<HostId, Option<PathBuf>>,
     /// True if the daemons belong to this run alone.
     pub are_ours: bool,
+    /// The directory of this host's keys, if hosts are on other machines.
+    pub keys: Option<PathBuf>,
 }
 
 impl Succession {
-    /// Writes the file of the run in `root`.
+    /// Writes the file in a directory.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn write(&self, root: &Path) -> io::Result<()> {
-        // The swarm file lies beside it.
-        let own = Assignment { swarm: Vec::new(), ..self.own.clone() };
-        let mut file = File::options().write(true).create_new(true).mode(0o600).open(root.join(NAME))?;
-        write_opening(&mut file, &Succession { own, ..self.clone() })
+    pub fn write(&self, directory: &Path) -> io::Result<()> {
+        let mut file = File::options().write(true).create_new(true).mode(0o600).open(directory.join(NAME))?;
+        write_opening(&mut file, self)
     }
 
-    /// Reads the file of the run in `root`; `None` if the run has one host only.
+    /// Goes on in a run directory of this machine, after the controller's machine has been lost, with hosts where the hosts
+    /// file says. `parts` is where the parts of the journal are on this machine.
+    ///
+    /// # Errors
+    /// If other hosts are named, or a file cannot be written.
+    pub fn move_to(mut self, root: &Path, parts: &Path, hosts: &HostsFile) -> Result<(), FleetError> {
+        if hosts.count() != self.own.hosts.len() {
+            return Err(FleetError::OtherHosts { run: self.own.hosts.len(), file: hosts.count() });
+        }
+        let keys = hosts.keys.as_deref().map(std::path::absolute).transpose();
+        self.keys = keys.map_err(FleetError::Prepare)?;
+        self.own.addresses.clone_from(&hosts.addresses);
+        self.own.clock = page::path(root);
+        let swarm = swarm_file::with_parts_in(&self.own.swarm, parts);
+        fs::write(swarm_file::path(root), swarm).and_then(|()| self.write(root)).map_err(FleetError::Prepare)
+    }
+
+    /// Reads the file in a directory; `None` if there is none, as in runs with one host.
     ///
     /// # Errors
     /// If it cannot be read, or is of another version.
-    pub fn read(root: &Path) -> io::Result<Option<Succession>> {
-        let mut file = match File::open(root.join(NAME)) {
+    pub fn read(directory: &Path) -> io::Result<Option<Succession>> {
+        let mut file = match File::open(directory.join(NAME)) {
             Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
             file => file?,
         };
         let mut succession: Succession = read_opening(&mut file)?;
-        succession.own.swarm = fs::read(swarm_file::path(root))?;
+        if succession.own.swarm.is_empty() {
+            // It lies beside the file.
+            succession.own.swarm = fs::read(swarm_file::path(directory))?;
+        }
         Ok(Some(succession))
     }
 
-    /// Checks that another controller can take over, of this build, before the run is touched.
+    /// Reads the file in a directory before a controller of this build takes over.
     ///
     /// # Errors
-    /// If it cannot.
-    pub fn check(root: &Path, build: u64) -> Result<(), FleetError> {
-        let Some(Succession { own, .. }) = Succession::read(root).map_err(FleetError::Prepare)? else {
-            return Ok(());
-        };
-        if own.build != build {
+    /// If the controller cannot take over.
+    pub fn find(directory: &Path, build: u64) -> Result<Option<Succession>, FleetError> {
+        let found = Succession::read(directory).map_err(FleetError::Prepare)?;
+        if found.as_ref().is_some_and(|found| found.own.build != build) {
             return Err(FleetError::OtherBuild);
         }
-        match own.addresses.iter().find(|address| matches!(address, Address::Net { .. })) {
-            Some(address) => Err(FleetError::Away(address.clone())),
-            None => Ok(()),
-        }
+        Ok(found)
     }
 }
