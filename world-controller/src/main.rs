@@ -3,5 +3,7 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
+    #[cfg(feature = "hosts")]
+    metamorph_world_controller::swarm::keep_zenoh_on_one_thread();
     metamorph_world_controller::cli::dispatch::main(std::env::args_os())
 }

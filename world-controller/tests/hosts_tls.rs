@@ -125,6 +125,22 @@ impl Drop for Site {
     }
 }
 
+/// zenoh reads and writes a connection without a lock.
+#[test]
+fn zenoh_has_one_thread() {
+    let mut site = Site::new(2);
+    site.start_all();
+    let threads = || -> Vec<String> {
+        let tasks = fs::read_dir(format!("/proc/{}/task", site.daemons[0].id())).unwrap();
+        tasks.filter_map(|task| fs::read_to_string(task.unwrap().path().join("comm")).ok()).collect()
+    };
+    assert_eq!(site.check().0, Some(0));
+    let found = threads();
+    let of = |name: &str| found.iter().filter(|thread| thread.starts_with(name)).count();
+    assert!(of("rx-") >= 1, "{found:?}");
+    assert!(["tx-", "net-", "acc-"].iter().all(|name| of(name) == 0), "{found:?}");
+}
+
 #[test]
 fn a_swarm_on_three_machines_is_built_and_its_journal_replays() {
     let _alone = ALONE.lock();

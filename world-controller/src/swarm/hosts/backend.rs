@@ -117,8 +117,10 @@ impl Shared {
                 State::Fenced => self.lose(host, "the host was silent for too long"),
                 State::Closed => self.lose(host, "its daemon was asked to end"),
                 state => {
-                    self.called.remove(&host);
                     tracing::info!("the link to {host} is {state:?}");
+                    if state == State::Up {
+                        self.called.remove(&host);
+                    }
                 }
             }
         }

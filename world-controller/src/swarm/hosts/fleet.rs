@@ -7,7 +7,7 @@ use super::connection::Connection;
 use super::messages::{Answer, Assignment, CountersOfAgent, Opening, Resuming};
 use super::node::random;
 use super::parts::Collected;
-use super::reach::{Reach, ReachError, Reached};
+use super::reach::{MEETING, Reach, ReachError, Reached};
 use super::succession::Succession;
 use crate::console::stopwatch::{Stopwatch, wait_until};
 use crate::swarm::SwarmOptions;
@@ -211,7 +211,7 @@ impl Fleet {
                 let stream = self.connect(path).map_err(failed)?;
                 Reach::ask_on(stream, &opening).map_err(failed)?
             }
-            address => self.reach.ask(host, address, &opening, Duration::ZERO)?,
+            address => self.reach.ask(host, address, &opening, Duration::ZERO, MEETING)?,
         };
         match reached.answer {
             Answer::Ready(root) => {
@@ -232,7 +232,7 @@ impl Fleet {
         wanted: &BTreeSet<AgentKey>,
         collected: &BTreeMap<AgentKey, u64>,
     ) -> Result<Reached, FleetError> {
-        let Assignment { hosts, run, secret, addresses, .. } = &self.own;
+        let Assignment { hosts, run, secret, addresses, silent_and_fence, .. } = &self.own;
         let is_there = |(id, _): &&AgentKey| hosts.is_home(*id, host);
         let opening = Opening::Resume(Box::new(Resuming {
             run: *run,
@@ -243,7 +243,9 @@ impl Fleet {
         }));
         let address = addresses.get(host.index() - 1);
         let address = address.ok_or_else(|| FleetError::Refused(host, "it has no address".to_owned()))?;
-        Ok(self.reach.ask(host, address, &opening, Duration::ZERO)?)
+        // The others act no longer than the fence without a controller, which is not heard before all are called.
+        let meeting = MEETING.min(Duration::from_nanos(silent_and_fence.1.0) / 3);
+        Ok(self.reach.ask(host, address, &opening, Duration::ZERO, meeting)?)
     }
 
     /// Returns the connections of the run, each once.

@@ -18,9 +18,8 @@ use thiserror::Error;
 
 /// The longest wait for an answer.
 const ANSWERING: Duration = Duration::from_secs(30);
-/// The longest wait for a daemon on a network to be heard.
-#[cfg(feature = "hosts")]
-const MEETING: Duration = Duration::from_secs(10);
+/// The longest wait for a daemon on a network to be heard, when nothing is urgent.
+pub const MEETING: Duration = Duration::from_secs(10);
 
 /// Why a daemon is not reached.
 #[derive(Debug, Error)]
@@ -113,7 +112,8 @@ impl Reach {
         }
     }
 
-    /// Says an opening to a daemon. `measure` is how long clock stamps are exchanged afterwards.
+    /// Says an opening to a daemon. `measure` is how long clock stamps are exchanged afterwards. On a network the daemon has to
+    /// be heard within `meeting`.
     ///
     /// # Errors
     /// If there is no answer.
@@ -123,6 +123,7 @@ impl Reach {
         address: &Address,
         opening: &Opening,
         measure: Duration,
+        meeting: Duration,
     ) -> Result<Reached, ReachError> {
         match address {
             Address::Unix(path) => {
@@ -132,11 +133,11 @@ impl Reach {
             }
             #[cfg(not(feature = "hosts"))]
             Address::Net { .. } => {
-                let _ = (self.build, measure);
+                let _ = (self.build, measure, meeting);
                 Err(ReachError::NotBuilt(host, address.clone()))
             }
             #[cfg(feature = "hosts")]
-            Address::Net { .. } => self.visit(host, address, opening, measure),
+            Address::Net { .. } => self.visit(host, address, opening, measure, meeting),
         }
     }
 
@@ -158,12 +159,13 @@ impl Reach {
         address: &Address,
         opening: &Opening,
         measure: Duration,
+        meeting: Duration,
     ) -> Result<Reached, ReachError> {
         let net = self.net.as_ref().ok_or(ReachError::NoKeys)?;
         // First, since it names the reason; zenoh would go on trying.
         net::probe(net.keys(), host, address).map_err(|e| ReachError::Fault(host, address.clone(), e))?;
         let failed = |e| ReachError::Visit(host, address.clone(), e);
-        let mut visit = net::Visit::begin(net, host, self.build, MEETING).map_err(failed)?;
+        let mut visit = net::Visit::begin(net, host, self.build, meeting).map_err(failed)?;
         let answer = visit.ask(opening, ANSWERING).map_err(failed)?;
         let clock = visit.clock(measure).map_err(failed)?;
         let clock_error = clock.map(|clock| Span(clock.error()));

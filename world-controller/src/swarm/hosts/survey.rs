@@ -4,7 +4,7 @@
 use super::address::Address;
 use super::hosts_file::HostsFile;
 use super::messages::{Answer, HostStatus, Opening};
-use super::reach::{Reach, ReachError};
+use super::reach::{MEETING, Reach, ReachError};
 use metamorph_protocol::ids::HostId;
 use metamorph_protocol::time::Span;
 use std::path::Path;
@@ -40,7 +40,7 @@ impl<'a> Survey<'a> {
         let mut all = true;
         let lines = self.hosts().map(|(host, address)| {
             let wanted = modules.get(host.index()).copied().unwrap_or(0);
-            let found = self.reach.ask(host, address, &Opening::Status, MEASURING);
+            let found = self.reach.ask(host, address, &Opening::Status, MEASURING, MEETING);
             let (text, is_fit) = match found {
                 Err(e) => (e.to_string(), false),
                 Ok(reached) => match reached.answer {
@@ -91,7 +91,10 @@ impl<'a> Survey<'a> {
     pub fn clean(&self) -> (Vec<String>, bool) {
         let mut all = true;
         let lines = self.hosts().map(|(host, address)| {
-            match self.reach.ask(host, address, &Opening::Clean, Duration::ZERO).map(|reached| reached.answer)
+            match self
+                .reach
+                .ask(host, address, &Opening::Clean, Duration::ZERO, MEETING)
+                .map(|reached| reached.answer)
             {
                 Ok(Answer::Cleaned(done)) => format!("{host}: {done}"),
                 Ok(_) => {
@@ -121,7 +124,7 @@ pub fn status(
     let before = (1..host.0).map(|_| address.clone());
     let addresses: Vec<Address> = before.chain([address.clone()]).collect();
     let reach = Reach::new(&addresses, keys, build)?;
-    let reached = reach.ask(host, address, &Opening::Status, Duration::ZERO)?;
+    let reached = reach.ask(host, address, &Opening::Status, Duration::ZERO, MEETING)?;
     Ok(match reached.answer {
         Answer::Status(status) => describe(&status, None),
         _ => "it answers something else".to_owned(),

@@ -6,11 +6,13 @@
 pub mod bench;
 mod door;
 mod keys;
+mod one_thread;
 mod probe;
 mod session;
 mod settings;
 
 pub use door::{Knock, Reply, Visit, VisitError, serve};
 pub use keys::{Keys, KeysError, make};
+pub use one_thread::keep_zenoh_on_one_thread;
 pub use probe::{Fault, probe};
 pub use session::{Line, Net, SessionError};
