@@ -277,16 +277,18 @@ fn goals_turn_change_their_order_and_are_given_up() {
         let turned = chair(strategy, r#""goal.turn 1", "goal.order at-once""#);
         assert_eq!((turned.outcome.as_str(), turned.invariants.broken), ("built", 0), "{strategy}");
         // A chair is four connectors long and three wide.
-        assert_eq!(turned.faults[0].effect, "the goal was shifted by (0, 0) before");
+        assert_eq!(turned.faults[0].effect, "the goal was turned by 0° before");
         assert_eq!(turned.faults[1].effect, "the order was the scenario's before");
+        assert_eq!(changes(&turned), ["turned by 90° by command", "order at-once by command"]);
         assert_ne!(turned.trace_hash, chair(strategy, r#""goal.turn 2", "goal.order at-once""#).trace_hash);
         assert_ne!(turned.trace_hash, chair(strategy, r#""goal.turn 1", "goal.order crosswise""#).trace_hash);
     }
     let around = chair("negotiated", r#""goal.turn 1", "goal.turn 3""#);
     assert_eq!(
         (around.faults[1].effect.as_str(), around.outcome.as_str()),
-        ("the goal was shifted by (13, 0) before", "built")
+        ("the goal was turned by 90° before", "built")
     );
+    assert_eq!(changes(&around), ["turned by 90° by command", "turned by 270° by command"]);
     let dropped = chair("negotiated", r#""goal.drop", "goal.turn 1""#);
     assert_eq!((dropped.outcome.as_str(), dropped.invariants.broken), ("deadlock", 0));
     assert!(dropped.faults[1].effect.starts_with("refused: goal: "), "{:?}", dropped.faults);
@@ -294,6 +296,17 @@ fn goals_turn_change_their_order_and_are_given_up() {
     assert_eq!((dropped.stages[0].filled, dropped.goal.cells), (0, 6));
     let again = chair("negotiated", r#""goal.drop", "goal.set 0""#);
     assert_eq!((again.outcome.as_str(), again.invariants.broken), ("built", 0));
+    assert_eq!(again.faults[0].effect, "0 of 6 seeds of the goal were filled");
+    assert_eq!(changes(&again), ["given up by command", "taken up again by command"]);
+    let moved = chair("negotiated", r#""goal.move [1, 1]""#);
+    assert_eq!(changes(&moved), ["moved by (1, 1) by command"]);
+    assert_eq!(changes(&chair("negotiated", r#""pause 0", "resume 0""#)), Vec::<String>::new());
+}
+
+/// Returns what the report says was done to the goal.
+fn changes(report: &Report) -> Vec<String> {
+    let report = serde_json::to_value(report).unwrap();
+    serde_json::from_value(report["metamodules"]["goal_changes"].clone()).unwrap_or_default()
 }
 
 #[test]

@@ -19,7 +19,7 @@ use crate::metamodule::world::MetamoduleWorld;
 use injection::Commanded;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedSet, Task};
+use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedOrder, SeedSet, Task};
 use metamorph_protocol::metamodule::message::{Order, Status};
 use metamorph_protocol::metamodule::params::{SeedAuthority, Setup, Strategy};
 use metamorph_protocol::metamodule::planning::cooperative::{SearchResult, Standstill, WORK, search};
@@ -68,6 +68,23 @@ pub struct MetamodulePlan {
     pub operator: Option<(Habits, u64)>,
 }
 
+/// A change of the goal while it is built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GoalChange {
+    /// The director moved it, by this much along x and y, to a place where it could be built.
+    Relocated(Shift),
+    /// A command moved it.
+    Moved(Shift),
+    /// A command turned it by so many quarters.
+    Turned(u8),
+    /// A command gave its seeds another order.
+    Ordered(SeedOrder),
+    /// A command gave it up.
+    Dropped,
+    /// A command took it up again after it had been given up.
+    Resumed,
+}
+
 /// The director of a swarm of metamodules.
 pub struct MetamoduleDirector {
     setup: Arc<Setup>,
@@ -77,6 +94,8 @@ pub struct MetamoduleDirector {
     trials: Trials,
     /// True if the goal has been moved.
     moved: bool,
+    /// What was done to the goal since it is built.
+    goal_changes: Vec<GoalChange>,
     /// The result of the last search for another place, at the last standstill.
     elsewhere: Option<Elsewhere>,
     /// The task and the filled seeds at which all metamodules were last found to have no path.
@@ -133,6 +152,7 @@ impl MetamoduleDirector {
             relocate: plan.relocate,
             trials: Trials::default(),
             moved: false,
+            goal_changes: Vec::new(),
             elsewhere: None,
             out_of_reach: None,
             stop: plan.stop,
@@ -209,6 +229,10 @@ impl MetamoduleDirector {
     /// Returns the goal that is being built, and its place.
     pub fn task(&self) -> Task {
         self.task
+    }
+    /// Returns what was done to the goal since it is built, in order.
+    pub fn goal_changes(&self) -> &[GoalChange] {
+        &self.goal_changes
     }
     /// Returns all goals so far. A goal that has been moved is the same one.
     pub fn stages(&self) -> &[Stage] {
@@ -346,6 +370,9 @@ impl MetamoduleDirector {
 
     fn move_to(&mut self, now: Time, shift: Shift) {
         self.moved = true;
+        let before = self.task.shift;
+        let by = (shift.0.saturating_sub(before.0), shift.1.saturating_sub(before.1));
+        self.goal_changes.push(GoalChange::Relocated(by));
         self.begin(now, Task { shift, ..self.task });
     }
 
@@ -353,6 +380,7 @@ impl MetamoduleDirector {
     fn begin(&mut self, now: Time, task: Task) {
         if task.goal != self.task.goal {
             self.stages.push(opened(self.setup.goal(task), now));
+            self.goal_changes.clear();
             self.trials.forget();
         }
         self.task = Task { epoch: self.task.epoch.saturating_add(1), ..task };

@@ -1,6 +1,6 @@
 //! How the director of metamodules carries out faults and commands, and the rules that refuse commands.
 
-use super::MetamoduleDirector;
+use super::{GoalChange, MetamoduleDirector};
 use crate::director::faults::{Fault, Target};
 use crate::director::steering::Steering as Wish;
 use crate::metamodule::faults::{
@@ -164,14 +164,35 @@ impl MetamoduleDirector {
                     Some(order) => format!("the order was {} before", order.name()),
                     None => "the order was the scenario's before".to_owned(),
                 },
+                Fault::World(&GOAL_TURNED, _) => {
+                    format!("the goal was turned by {}° before", u16::from(self.task.quarters) * 90)
+                }
+                Fault::World(&GOAL_DROPPED, _) => {
+                    let seeds = self.setup.goal(self.task).seeds().len();
+                    format!("{} of {seeds} seeds of the goal were filled", self.filled.len())
+                }
                 _ => format!("the goal was shifted by {:?} before", self.task.shift),
             },
         );
         self.faults.inject(now, fault, false, effect, &mut self.commands);
         if is_taken {
             self.moved |= matches!(fault, Fault::World(&GOAL_MOVED | &GOAL_TURNED, _));
+            let change = self.change_of(&fault, task);
             self.begin(now, task);
+            self.goal_changes.extend(change);
         }
+    }
+
+    /// Returns what a command does to the goal; `None` if another goal is built from then on.
+    fn change_of(&self, fault: &Fault, task: Task) -> Option<GoalChange> {
+        Some(match *fault {
+            Fault::World(&GOAL_MOVED, Target::Shift(x, y)) => GoalChange::Moved((x, y)),
+            Fault::World(&GOAL_TURNED, Target::Number(quarters)) => GoalChange::Turned((quarters % 4) as u8),
+            Fault::World(&GOAL_ORDERED, _) => GoalChange::Ordered(task.order?),
+            Fault::World(&GOAL_DROPPED, _) => GoalChange::Dropped,
+            Fault::World(&GOAL_SET, _) if task.goal == self.task.goal => GoalChange::Resumed,
+            _ => return None,
+        })
     }
 
     fn tune(&mut self, now: Time, fault: Fault, word: &str) {

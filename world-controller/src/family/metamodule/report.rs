@@ -3,10 +3,26 @@
 use crate::console::format::{count, listed, many, seconds};
 use crate::report::family_part::{FamilyPart, FamilyText};
 use crate::report::schema::MoveReport;
+use metamorph_sim_bridge::metamodule::director::GoalChange;
 use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+
+/// Changes of the goal that the text names; JSON has all.
+const CHANGES: usize = 6;
+
+/// Puts a change of the goal into words.
+pub fn goal_change(change: &GoalChange) -> String {
+    match *change {
+        GoalChange::Relocated((x, y)) => format!("moved by ({x}, {y}) to where it could be built"),
+        GoalChange::Moved((x, y)) => format!("moved by ({x}, {y}) by command"),
+        GoalChange::Turned(quarters) => format!("turned by {}° by command", u16::from(quarters) * 90),
+        GoalChange::Ordered(order) => format!("order {} by command", order.name()),
+        GoalChange::Dropped => "given up by command".to_owned(),
+        GoalChange::Resumed => "taken up again by command".to_owned(),
+    }
+}
 
 /// The field of the report.
 pub const KEY: &str = "metamodules";
@@ -20,8 +36,11 @@ pub struct MetamoduleReport {
     pub strategy: String,
     /// The levels of the last goal, from the ground up.
     pub levels: Vec<LevelReport>,
-    /// How far that goal was moved along x and y, to a place where it could be built.
+    /// How far that goal is from its place in the scenario along x and y, by whatever changed it.
     pub shift: [i16; 2],
+    /// What was done to that goal while it was built, in order; left out if nothing was.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub goal_changes: Vec<String>,
     /// Steps of joints.
     pub turns: u64,
     /// Connections made; the same as `moves`.
@@ -131,10 +150,11 @@ pub fn part(m: &MetamoduleReport, d: &MoveReport, modules: usize, is_begun: bool
     let actions =
         [many(m.turns, "joint step"), many(m.connections, "connection"), many(m.releases, "release")];
     let levels: Vec<String> = m.levels.iter().map(|l| format!("{} of {}", l.filled, l.seeds)).collect();
-    let moved = match m.shift {
-        [0, 0] => String::new(),
-        [x, y] => format!("; moved by ({x}, {y}) to where it could be built"),
-    };
+    let hidden = m.goal_changes.len().saturating_sub(CHANGES);
+    let first =
+        if hidden > 0 { format!("; {} before", many(hidden as u64, "change")) } else { String::new() };
+    let changes = m.goal_changes.iter().skip(hidden).map(|change| format!("; {change}"));
+    let changed: String = std::iter::once(first).chain(changes).collect();
     let (completed, begun, failed) = (count(d.completed), count(d.started), count(d.failed));
     let mut moves = vec![
         (
@@ -145,7 +165,7 @@ pub fn part(m: &MetamoduleReport, d: &MoveReport, modules: usize, is_begun: bool
             "actions",
             format!("{completed} completed of {begun} begun, {failed} failed: {}", actions.join(", ")),
         ),
-        ("levels", format!("{} seeds, from the ground up{moved}", levels.join(", "))),
+        ("levels", format!("{} seeds, from the ground up{changed}", levels.join(", "))),
     ];
     if is_begun {
         moves.push(("last seed", format!("filled at {}", seconds(m.last_fill_s))));

@@ -136,6 +136,7 @@ impl Runnable for Metamodules {
                     strategy: self.setup.params.strategy.name().to_owned(),
                     levels: levels.collect(),
                     shift: task.shift.into(),
+                    goal_changes: director.goal_changes().iter().map(report::goal_change).collect(),
                     turns: action_counts.turns,
                     connections: action_counts.moves,
                     releases: action_counts.released,

@@ -111,7 +111,11 @@ fn goal(task: &Task) -> String {
         0 => String::new(),
         quarters => format!(", turned {}°", u16::from(quarters) * 90),
     };
-    format!("goal {}{order}{turned}, moved by {:?}", task.goal, task.shift)
+    let moved = match task.shift {
+        (0, 0) => String::new(),
+        shift => format!(", moved by {shift:?}"),
+    };
+    format!("goal {}{order}{turned}{moved}", task.goal)
 }
 
 fn seeds(set: SeedSet) -> String {
