@@ -121,6 +121,45 @@ fn commands_have_fields_for_their_parameters() {
     check_clean(&mut browser, &view);
 }
 
+/// Requests of the swarm are shown with the time left, and answered with a key and by a button.
+#[test]
+fn requests_of_a_swarm_are_shown_and_answered() {
+    let Some(program) = find() else {
+        return println!("skipped: there is no chromium or chrome on this machine");
+    };
+    let directory = tempfile::tempdir().unwrap();
+    let corpus =
+        scenario("chair.toml").with_file_name("../../tests/corpus/metamodule-led-out-of-a-knot.toml");
+    let knot = fs::read_to_string(corpus).unwrap();
+    let asks = "[protocol]\nask = \"always\"\nanswer_within = \"300s\"\n";
+    let file = directory.path().join("asks.toml");
+    fs::write(&file, knot.replace("[protocol]\n", asks)).unwrap();
+    let file = file.to_str().unwrap();
+    let options = ["--link", "sim", "--time-scale", "25", "--view", "--control", "--quiet"];
+    let view = View::start(&[&["run", file], &options[..]].concat());
+    let mut browser = Browser::start(program);
+    browser.open(&format!("{}#c={}", view.address, view.secret));
+    browser.until("document.body.dataset.state === 'paused'");
+    browser.until("!document.getElementById('requests').hidden");
+    let shown = text(&mut browser, "#requests li");
+    let left: f64 = shown.split_once("; ").unwrap().1.split(' ').next().unwrap().parse().unwrap();
+    assert!(shown.contains("asks whether to plan for all") && (1.0..=300.0).contains(&left), "{shown}");
+    assert_eq!(browser.evaluate(include_str!("../src/contrast.js")), json!([]));
+    browser.press("r");
+    browser.until("/^release \\d+: taken/.test(document.getElementById('answer').textContent)");
+    browser.until("document.getElementById('requests').hidden");
+    browser.until("window.page.story.over");
+    check_clean(&mut browser, &view);
+    // A page that only looks shows the request of that time, without a way to answer it.
+    browser.open(&view.address);
+    browser.until("document.body.dataset.state === 'paused'");
+    let at = "(() => { const { story } = window.page; const all = story.modules.flatMap((m) => m.standings); \
+        const t = Math.min(...all.filter((s) => s.flags & 16).map((s) => s.t)); window.page.seek(t, true); return t; })()";
+    assert!(browser.evaluate(at).as_f64().unwrap() > 0.0);
+    browser.until("!document.getElementById('requests').hidden");
+    assert_eq!(browser.evaluate("document.querySelectorAll('[data-answer]').length"), json!(0));
+}
+
 #[test]
 fn plays_a_chair_to_its_end() {
     let directory = tempfile::tempdir().unwrap();

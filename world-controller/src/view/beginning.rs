@@ -18,7 +18,7 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 /// Version of the layout; raised on every change.
-const VERSION: u32 = 5;
+const VERSION: u32 = 6;
 
 /// What a scene says of a run as a whole.
 #[derive(Clone, Debug)]
@@ -96,6 +96,8 @@ pub(super) struct Beginning {
     hosts: Option<ShownHosts>,
     /// True if messages between modules are recorded.
     messages: bool,
+    /// How long a module that asks the operator waits for an answer; `None` if none asks.
+    answer_within: Option<u64>,
     commands: Vec<CommandForm>,
 }
 
@@ -172,6 +174,7 @@ impl Beginning {
             partitions: heading.partitions.iter().map(cut).collect(),
             hosts: heading.hosts.as_deref().map(|hosts| ShownHosts::of(hosts, bodies.len())),
             messages,
+            answer_within: swarm.answer_within().map(|span| span.0 / 1_000),
             commands: heading.commands.clone(),
         }
     }

@@ -4,6 +4,7 @@ use super::parts::Part;
 use super::scene_builder::{SceneBuilder, Shared};
 use super::visible::{Stage, Visible, Words};
 use metamorph_protocol::record::Blob;
+use metamorph_protocol::time::Span;
 use metamorph_sim_bridge::kernel::recording::Log;
 use std::sync::{Arc, Mutex};
 
@@ -21,6 +22,8 @@ pub trait ShownSwarm {
     fn words(&self) -> &'static Words;
     /// Returns the scene of the run.
     fn stage(&self) -> Stage;
+    /// Returns how long a module that asks the operator waits for an answer; `None` if none asks.
+    fn answer_within(&self) -> Option<Span>;
     /// Returns the parts of each body at the start, and a description of its place.
     fn start(&self) -> Vec<(Vec<Part>, String)>;
     /// Returns the parts of a body at rest at a recorded place; `None` if the record cannot be decoded.
@@ -35,6 +38,9 @@ impl<A: Visible<Place: 'static> + 'static> ShownSwarm for Bodies<A> {
     }
     fn stage(&self) -> Stage {
         A::stage(&self.setup)
+    }
+    fn answer_within(&self) -> Option<Span> {
+        A::answer_within(&self.setup)
     }
     fn start(&self) -> Vec<(Vec<Part>, String)> {
         self.places.iter().map(|place| (A::at_rest(&self.setup, place), A::whereabouts(place))).collect()

@@ -13,7 +13,8 @@ use serde::Serialize;
 pub struct ModuleView {
     /// Its role, an index of [`Words::roles`].
     pub role: u8,
-    /// Bits: 1 attached, 2 immobile, 4 pinned by a dead module, 8 knows a path.
+    /// Bits: 1 attached, 2 immobile, 4 pinned by a dead module, 8 knows a path, 16 asks the operator (see
+    /// [`Visible::answer_within`]).
     pub flags: u8,
     /// The goal that it works for, or the number of the target that it fills: see [`Targets`].
     pub place: i32,
@@ -187,6 +188,10 @@ pub trait Visible: Agent {
     /// Returns the goal that an order opens; `None` for other orders.
     fn goal(order: &Self::Order) -> Option<GoalView>;
 
+    /// Returns how long a module that asks the operator waits for an answer; `None` if none asks.
+    fn answer_within(_: &Self::Setup) -> Option<Span> {
+        None
+    }
     /// Returns the cells of all passive elements at the start.
     fn elements(_: &Self::Setup) -> Vec<Vec<Cell>> {
         Vec::new()

@@ -10,11 +10,12 @@ use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::metamodule::blueprint::Task;
 use metamorph_protocol::metamodule::message::{Action, BodyAction, Denial, Message, Order, Percept, Status};
-use metamorph_protocol::metamodule::params::Setup;
+use metamorph_protocol::metamodule::params::{Ask, Setup, Strategy};
 use metamorph_protocol::metamodule::pose::{End, Load, Pose};
 use metamorph_protocol::roombots::lattice_pose::{Half, LatticeRotation};
 use metamorph_protocol::roombots::posture::{is_middle, values};
 use metamorph_protocol::roombots::{HALF_EDGE, OUTER_RADIUS};
+use metamorph_protocol::time::Span;
 use nalgebra::{Rotation3, UnitQuaternion};
 use std::ops::Range;
 
@@ -68,6 +69,9 @@ fn behind(joint: usize, end: End) -> Range<usize> {
         End::Head => 0..HALVES - before,
     }
 }
+
+/// The flag of a metamodule that asks the operator.
+const ASKS: u8 = 16;
 
 impl Visible for Metamodule {
     const WORDS: Words = Words {
@@ -141,6 +145,11 @@ impl Visible for Metamodule {
         }
     }
 
+    fn answer_within(setup: &Setup) -> Option<Span> {
+        let asks = setup.params.strategy == Strategy::Negotiated && setup.params.ask != Ask::Never;
+        asks.then_some(setup.params.answer_within)
+    }
+
     fn elements(setup: &Setup) -> Vec<Vec<Cell>> {
         setup.elements.all().iter().map(|element| element.start.clone()).collect()
     }
@@ -172,7 +181,7 @@ impl Visible for Metamodule {
 
     fn standing(s: &Status) -> ModuleView {
         let (role, place) = s.settled.map_or((0, -1), |seed| (2, i32::from(seed)));
-        ModuleView { role, flags: 0, place, waits_for: s.waits_for }
+        ModuleView { role, flags: if s.stuck { ASKS } else { 0 }, place, waits_for: s.waits_for }
     }
 
     fn said(message: &Message) -> MessageLabel {

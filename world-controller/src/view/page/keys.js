@@ -19,6 +19,7 @@ const KEYS = [
   ["A", "time, axes and scale: on or off"],
   ["N P", "next module, previous module"],
   ["Esc", "choose no module"],
+  ["R", "answer the first request: it goes on by itself"],
   ["S", "save a picture"],
   ["D", "light or dark"],
   ["?", "this list"],
@@ -74,6 +75,7 @@ function actionsOf(page, shift) {
     p: () => page.neighbour(-1),
     d: () => page.setTheme(document.documentElement.dataset.theme !== "dark", true),
     Escape: () => page.choose(null),
+    r: () => page.answer(),
     s: () => page.openSaving(),
     "?": () => by("keys").showModal(),
   };

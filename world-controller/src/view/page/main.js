@@ -60,6 +60,7 @@ class Page {
     this.control = story.over ? null : Control.fromAddress();
     this.control?.show(story.scene.commands, () => this.chosen);
     if (this.control) this.control.onTaken = () => this.hurry();
+    if (this.control) this.panel.onRelease = (id) => this.control.give(`release ${id}`);
     this.redraw = () => (this.dirty = this.stale = true);
     this.look = new Look(this);
     this.fill();
@@ -223,6 +224,12 @@ class Page {
     this.chosen = id;
     if (id !== null) by("which").value = `${id}`;
     this.redraw();
+  }
+
+  /** Answers the request that has waited longest. */
+  answer() {
+    const [first] = this.story.requestsAt(this.story.now);
+    if (first && !this.story.over) this.panel.onRelease?.(first.id);
   }
 
   neighbour(by_) {
@@ -408,6 +415,7 @@ class Page {
     scrub.setAttribute("aria-valuetext", time.textContent);
     this.panel.outcome();
     this.panel.numbers(this.t, seen);
+    this.panel.requests(this.t);
     this.panel.legend(this.meaning, seen);
     this.panel.faults();
     this.hosts.show(this.t, seen.talk ?? (this.story.scene.hosts && this.story.scene.messages ? this.story.talkAt(this.t) : null));

@@ -31,6 +31,10 @@ export class Panel {
     this.onChoose = () => {};
     /** @type {(t: number) => void} */
     this.onSeek = () => {};
+    /** Answers a request: its module goes on by itself. Null if the page commands nothing.
+     * @type {((id: number) => void) | null} */
+    this.onRelease = null;
+    this.requestsText = "";
     this.asked = null;
     this.legendText = "";
     this.faultCount = -1;
@@ -40,6 +44,7 @@ export class Panel {
 
   /** Makes all texts be written again. */
   forget() {
+    this.requestsText = "";
     this.asked = null;
     this.faultCount = -1;
     this.outcomeText = "";
@@ -101,6 +106,32 @@ export class Panel {
     });
   }
 
+  /** Shows who asks the operator, what, and how long. */
+  requests(t) {
+    const asking = this.story.requestsAt(t);
+    const isOpen = !this.story.over && this.onRelease !== null;
+    const left = (r) => `${Math.ceil(r.left / 1e6)} s left`;
+    // Buttons stay while only the time changes, so that one can be pressed.
+    const text = JSON.stringify([asking.map((r) => r.id), isOpen]);
+    const list = this.part("requests");
+    if (text !== this.requestsText) {
+      this.requestsText = text;
+      const row = (r, i) => {
+        const answer = make("button", { type: "button", "data-answer": r.id, title: i ? "" : "R", onclick: () => this.onRelease?.(r.id) }, "go on by itself");
+        const what = make("span", {}, " asks whether to plan for all; ", make("span", { class: "when" }, left(r)), " ");
+        return make("li", {}, this.link(r.id), what, ...(isOpen ? [answer] : []));
+      };
+      list.replaceChildren(...asking.map(row));
+      this.part("requests-section").hidden = !asking.length;
+      this.part("requests-title").textContent = asking.length === 1 ? "a request" : `${asking.length} requests`;
+      this.part("requests-how").textContent = isOpen ? "Or command it something else: choose it." : "";
+    }
+    asking.forEach((r, i) => {
+      const at = list.children[i].querySelector(".when");
+      if (at.textContent !== left(r)) at.textContent = left(r);
+    });
+  }
+
   legend(meaning, seen) {
     const entries = this.picture.legend(meaning, seen);
     const text = JSON.stringify(entries);
@@ -151,7 +182,8 @@ export class Panel {
     // Messages between modules are being loaded, or not available at all.
     const untold = story.scene.messages ? "loading" : "not seen from outside";
     const target = known.gradient === null ? untold : known.gradient === 65535 ? "knows none" : `${known.gradient} ${known.gradient === 1 ? one : several}`;
-    const flags = FLAGS.filter(([bit]) => standing.flags & bit);
+    const asks = story.scene.answer_within ? "asks the operator" : "its joints did not turn";
+    const flags = [...FLAGS, /** @type {[number, string]} */ ([16, asks])].filter(([bit]) => standing.flags & bit);
     const owner = this.owner(id, talk);
     const dead = life === "dead";
     const facts = [

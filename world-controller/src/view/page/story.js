@@ -5,6 +5,8 @@ import { UPRIGHT, carried } from "./parts.js";
 
 const AT_ONCE = 8;
 
+/** The bit of a report that says that the module asks the operator. */
+const ASKS = 16;
 /** The role of a module that fills a target. */
 export const FILLS = 2;
 
@@ -238,6 +240,21 @@ export class Story {
     let k = before(lives, t);
     while (k >= 0 && lives[k].life !== "restarted") k--;
     return i < 0 || (k >= 0 && lives[k].t > list[i].t) ? UNHEARD : list[i];
+  }
+
+  /** Returns the modules that ask the operator, the first one first, each with the time left for an answer. */
+  requestsAt(t) {
+    const within = this.scene.answer_within;
+    if (!within) return [];
+    const asking = [];
+    for (let id = 0; id < this.modules.length; id++) {
+      if (!(this.standingAt(id, t).flags & ASKS) || this.lifeAt(id, t) === "dead") continue;
+      const { standings } = this.modules[id];
+      let first = before(standings, t);
+      while (first > 0 && standings[first - 1].flags & ASKS) first--;
+      asking.push({ id, since: standings[first].t, left: Math.max(0, standings[first].t + within - t) });
+    }
+    return asking.sort((a, b) => a.since - b.since || a.id - b.id);
   }
 
   /** Returns "alive", "dead" or "paused". */
