@@ -4,12 +4,15 @@
 
 use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::pairing::generated::{Kind, structure};
+use metamorph_protocol::pairing::pins::{Pin, WithoutPins};
 use metamorph_protocol::pairing::repair::{Allowed, Change, Cheapest, Choice};
 use metamorph_protocol::pairing::split::{Footing, NoSplit, Split};
 use metamorph_protocol::pairing::thesis::Nodes;
 use metamorph_protocol::pairing::{MAX_CELLS, Pairing, PairingError};
 use metamorph_protocol::rng::Rng;
 use metamorph_protocol::shape::components;
+use petgraph::algo::maximum_matching;
+use petgraph::graph::UnGraph;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -408,4 +411,152 @@ fn a_long_snake_is_paired() {
     let pairing = Pairing::of(&snake).unwrap();
     assert_eq!((pairing.unpaired(), pairing.reasons().len()), (1, 1));
     assert_eq!(pairing.repairs(Allowed::Add)[0].cheapest, Cheapest::Proven);
+}
+
+/// Draws pins: some edges that have no cell in common.
+fn drawn_pins(cells: &[Cell], rng: &mut Rng) -> Vec<Pin> {
+    let mut left: BTreeSet<Cell> = cells.iter().copied().collect();
+    let mut pins = Vec::new();
+    for cell in cells {
+        let face = Face::ALL[rng.below(6) as usize];
+        let other = cell.step(face);
+        if rng.below(3) == 0 && left.contains(cell) && left.contains(&other) {
+            left.remove(cell);
+            left.remove(&other);
+            pins.push([*cell, other]);
+        }
+    }
+    pins
+}
+
+/// Counts the cells that every pairing with these pins leaves over, by another algorithm.
+fn left_over_with(cells: &[Cell], pins: &[Pin]) -> usize {
+    let pinned: BTreeSet<Cell> = pins.iter().flatten().copied().collect();
+    let free: Vec<Cell> = cells.iter().copied().filter(|cell| !pinned.contains(cell)).collect();
+    let mut graph: UnGraph<(), (), u32> = UnGraph::default();
+    let nodes: BTreeMap<Cell, _> = free.iter().map(|cell| (*cell, graph.add_node(()))).collect();
+    for (cell, node) in &nodes {
+        for other in cell.neighbours().iter().filter(|other| *other > cell).filter_map(|o| nodes.get(o)) {
+            graph.add_edge(*node, *other, ());
+        }
+    }
+    free.len() - 2 * maximum_matching(&graph).len()
+}
+
+/// Whether two cells are partners in one of these pairs.
+fn has(pairs: &[[Cell; 2]], [a, b]: Pin) -> bool {
+    pairs.contains(&[a, b]) || pairs.contains(&[b, a])
+}
+
+#[test]
+fn pins_are_kept_by_pairs_repairs_and_splits() {
+    let (mut unpaired, mut repaired, mut split, mut refuted, mut costly) = (0, 0, 0, 0, 0);
+    for seed in 0..structures() {
+        let mut rng = Rng::named(seed, "pins", 0);
+        let kind = if seed % 3 == 0 { Kind::Tree } else { Kind::Eden };
+        let cells = structure(kind, seed % 2 == 0, 4 + rng.below(24) as usize, &mut rng);
+        let pins = drawn_pins(&cells, &mut rng);
+        let pairing = Pairing::pinned(&cells, &pins).unwrap();
+        let context = format!("seed {seed}: {cells:?}, pins {pins:?}");
+        assert_eq!(pairing.unpaired(), left_over_with(&cells, &pins), "{context}");
+        assert!(pins.iter().all(|pin| has(&pairing.pairs(), *pin)), "{context}");
+        let (kept, _) = pairing.keeping(&Pairing::of(&cells).unwrap().pairs());
+        assert!(pins.iter().all(|pin| has(&kept, *pin)), "{context}");
+        assert_eq!(2 * kept.len() + pairing.unpaired(), cells.len(), "{context}");
+        let turned: Vec<Pin> = pins.iter().rev().map(|[a, b]| [*b, *a]).collect();
+        let again = Pairing::pinned(&cells, &turned).unwrap();
+        assert_eq!((again.pairs(), again.pins()), (pairing.pairs(), pairing.pins()), "{context}");
+        unpaired += usize::from(pairing.unpaired() > 0);
+
+        check_reasons_with(&pairing, &pins, &context);
+        costly += check_costly(&cells, &pairing, &context);
+        for allowed in [Allowed::Add, Allowed::Remove, Allowed::Any] {
+            for repair in pairing.repairs(allowed) {
+                // Refused if a pinned cell were removed.
+                let applied = Pairing::pinned(&repair.apply(pairing.cells()), &pins);
+                assert_eq!(applied.map(|p| p.unpaired()), Ok(0), "{context}: {repair:?}");
+                repaired += 1;
+            }
+        }
+        for footing in [Footing::Free, Footing::Floor] {
+            match (pairing.split(footing), pairing.exact_split(footing)) {
+                (Split::Yes(quick), Split::Yes(exact)) => {
+                    for chains in [quick, exact] {
+                        check_split(&cells, &chains, footing, seed);
+                        let modules = chains.iter().flat_map(|[a, b, c, d]| [[*a, *b], [*c, *d]]);
+                        let modules: Vec<[Cell; 2]> = modules.collect();
+                        assert!(pins.iter().all(|pin| has(&modules, *pin)), "{context}: {chains:?}");
+                    }
+                    split += 1;
+                }
+                (Split::No(_), Split::No(_)) => refuted += 1,
+                (quick, exact) => panic!("{context}: {footing:?}: {quick:?}, but exactly {exact:?}"),
+            }
+        }
+    }
+    let counts = [unpaired, repaired, split, refuted, costly];
+    assert!(counts.iter().all(|n| *n > 10), "{counts:?}");
+}
+
+/// Every cell beside those of a reason is one of their possible partners, or a named pin keeps it.
+fn check_reasons_with(pairing: &Pairing, pins: &[Pin], context: &str) {
+    let pinned: BTreeSet<Cell> = pins.iter().flatten().copied().collect();
+    let set: BTreeSet<Cell> = pairing.cells().collect();
+    let missing: usize = pairing.reasons().iter().map(|r| r.missing()).sum();
+    assert_eq!(missing, pairing.unpaired(), "{context}: the certificates do not explain it");
+    for reason in pairing.reasons() {
+        let touched: BTreeSet<Cell> =
+            reason.cells.iter().flat_map(|c| c.neighbours()).filter(|n| set.contains(n)).collect();
+        let (kept, free): (BTreeSet<Cell>, BTreeSet<Cell>) =
+            touched.into_iter().partition(|cell| pinned.contains(cell));
+        assert_eq!(free, reason.neighbours.iter().copied().collect(), "{context}");
+        let named: BTreeSet<Cell> = reason.pins.iter().flatten().copied().collect();
+        assert!(kept.is_subset(&named) && reason.pins.iter().all(|pin| has(pins, *pin)), "{context}");
+        assert!(reason.pins.iter().all(|pin| pin.iter().any(|cell| kept.contains(cell))), "{context}");
+    }
+}
+
+/// Without the costly pins, the others cost nothing; with any one of them, a module is lost again.
+fn check_costly(cells: &[Cell], pairing: &Pairing, context: &str) -> usize {
+    let WithoutPins { unpaired, costly } = pairing.without_pins();
+    let kept: Vec<Pin> = pairing.pins().iter().copied().filter(|pin| !costly.contains(pin)).collect();
+    let best = left_over_with(cells, &[]);
+    assert_eq!(unpaired, best, "{context}");
+    assert_eq!(left_over_with(cells, &kept), best, "{context}: {costly:?}");
+    for pin in &costly {
+        let with = [&kept[..], &[*pin]].concat();
+        assert!(left_over_with(cells, &with) > best, "{context}: {pin:?}");
+    }
+    assert_eq!(costly.is_empty(), pairing.unpaired() == best, "{context}: {costly:?}");
+    assert!(pairing.without_pins_while(&|| false).costly.is_empty(), "{context}");
+    costly.len()
+}
+
+#[test]
+fn a_pin_that_forbids_a_pairing_is_named() {
+    let line: Vec<Cell> = (0..6).map(|x| Cell::new(x, 0, 0)).collect();
+    let pin = |a: usize, b: usize| [line[a], line[b]];
+    // The outer cells of a line of four have no partner if the inner ones are one module.
+    let pairing = Pairing::pinned(&line, &[pin(0, 1), pin(4, 3)]).unwrap();
+    assert_eq!((pairing.unpaired(), pairing.without_pins().costly), (2, vec![pin(3, 4)]));
+    let reasons: Vec<_> = pairing.reasons().into_iter().map(|r| (r.cells, r.neighbours, r.pins)).collect();
+    let expected =
+        [(vec![line[2]], vec![], vec![pin(0, 1), pin(3, 4)]), (vec![line[5]], vec![], vec![pin(3, 4)])];
+    assert_eq!(reasons, expected);
+    let harmless = Pairing::pinned(&line, &[pin(0, 1), pin(4, 5), pin(0, 1)]).unwrap();
+    assert_eq!((harmless.unpaired(), harmless.without_pins().costly, harmless.pins().len()), (0, vec![], 2));
+}
+
+#[test]
+fn pins_of_no_module_are_refused() {
+    let line: Vec<Cell> = (0..4).map(|x| Cell::new(x, 0, 0)).collect();
+    let free = Cell::new(4, 0, 0);
+    for (pins, expected) in [
+        (vec![[line[3], free]], PairingError::PinWithoutCell { pin: [line[3], free], free }),
+        (vec![[line[2], line[0]]], PairingError::PinApart([line[0], line[2]])),
+        (vec![[line[1], line[1]]], PairingError::PinApart([line[1], line[1]])),
+        (vec![[line[0], line[1]], [line[2], line[1]]], PairingError::PinnedTwice(line[1])),
+    ] {
+        assert_eq!(Pairing::pinned(&line, &pins).unwrap_err(), expected, "{pins:?}");
+    }
 }

@@ -143,7 +143,7 @@ fn broken_meshes_are_refused_with_place_reason_and_fix() {
         &["3 edges have triangles that face opposite"],
     );
     // Other kinds of files.
-    refused(&shape("a.step", "", ten), &[".stl, .obj, .xml or .toml"]);
+    refused(&shape("a.step", "", ten), &[".stl, .obj, .vox, .xml or .toml"]);
     refused(&run(&["shape", "none.stl"]), &["none.stl: cannot read it"]);
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("folder.stl");
@@ -387,6 +387,96 @@ fn cells_become_modules_or_a_reason_and_repairs() {
         (&answer["split"]["free"]["answer"], &answer["split"]["standing"]["answer"]),
         (&json!("yes"), &json!("no"))
     );
+}
+
+/// Two pinned cells are one module in the answer and in what is written, and pins that forbid a pairing are named.
+#[test]
+fn pins_of_a_drawing_are_kept_or_named() {
+    let pinned = |pins: &str, args: &[&str]| {
+        modules(&format!("[[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]]\npins = [{pins}]"), args)
+    };
+    let inner = "[[2, 0, 0], [1, 0, 0]]";
+    let (ran, answer) = pinned(inner, &[]);
+    assert_eq!(
+        (ran.code, &answer["d"], &answer["d_without_pins"]),
+        (Some(3), &json!(2), &json!(0)),
+        "{ran:?}"
+    );
+    let costly = json!([[[1, 0, 0], [2, 0, 0]]]);
+    assert_eq!((&answer["pairs"], &answer["costly_pins"], &answer["pins"]), (&costly, &costly, &costly));
+    assert_eq!(answer["reasons"][0]["pins"], costly, "{answer}");
+    for part in [
+        "the cell [0, 0, 0] touches only pinned cells",
+        "this pin forbids that every cell has a partner: [1, 0, 0]-[2, 0, 0]",
+    ] {
+        assert!(ran.err.contains(part), "{part}: {}", ran.err);
+    }
+    // Cells that are added or removed leave the pin as it is.
+    let (ran, answer) = pinned(inner, &["--repair", "any"]);
+    let changes = answer["repairs"].as_array().unwrap().iter().flat_map(|r| r["changes"].as_array().unwrap());
+    assert!(
+        changes.clone().count() > 2 && !changes.clone().any(|c| c["remove"] == json!([1, 0, 0])),
+        "{ran:?}"
+    );
+    let (ran, answer) = pinned("[[0, 0, 0], [1, 0, 0]]", &["--split"]);
+    assert_eq!((ran.code, answer["costly_pins"].as_array().unwrap().len()), (Some(0), 0), "{ran:?}");
+    // A repaired drawing has its pins.
+    let directory = tempfile::tempdir().unwrap();
+    let [drawn, written] = ["drawn.toml", "written.toml"].map(|name| directory.path().join(name));
+    let text =
+        format!("version = 1\ncells = [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]]\npins = [{inner}]\n");
+    fs::write(&drawn, text).unwrap();
+    let [drawn, written] = [&drawn, &written].map(|path| path.to_str().unwrap());
+    let ran = run(&["shape", drawn, "--modules", "--at", "0,0,5", "--write", written]);
+    assert!(ran.code == Some(3) && ran.out.contains("repair 1 is written to"), "{ran:?}");
+    assert!(fs::read_to_string(written).unwrap().contains("pins = [\n    [[1, 0, 5], [2, 0, 5]],\n]"));
+    let ran = run(&["shape", written, "--modules"]);
+    assert!(ran.code == Some(0) && ran.out.contains("pins      1"), "{ran:?}");
+    for (pins, part) in [
+        ("[[3, 0, 0], [4, 0, 0]]", "drawn.toml:3: the pin [3, 0, 0] [4, 0, 0] names the cell [4, 0, 0]"),
+        ("[[0, 0, 0], [2, 0, 0]]", "share no face"),
+        ("[[0, 0, 0], [1, 0, 0]], [[1, 0, 0], [2, 0, 0]]", "[1, 0, 0] is in two pins"),
+    ] {
+        refused(&pinned(pins, &[]).0, &[part]);
+    }
+}
+
+/// A MagicaVoxel file of one model with these voxels.
+fn voxels(all: &[[u8; 3]]) -> Vec<u8> {
+    let chunk = |name: &[u8; 4], content: &[u8], inner: &[u8]| {
+        let lengths = [content.len() as u32, inner.len() as u32].map(u32::to_le_bytes).concat();
+        [&name[..], &lengths, content, inner].concat()
+    };
+    let size = chunk(b"SIZE", &[9u32, 9, 9].map(u32::to_le_bytes).concat(), &[]);
+    let listed: Vec<u8> = all.iter().flat_map(|[x, y, z]| [*x, *y, *z, 1]).collect();
+    let listed = chunk(b"XYZI", &[&(all.len() as u32).to_le_bytes()[..], &listed].concat(), &[]);
+    [&b"VOX "[..], &150u32.to_le_bytes(), &chunk(b"MAIN", &[], &[size, listed].concat())].concat()
+}
+
+#[test]
+fn scenes_of_magicavoxel_are_read_and_damaged_ones_are_refused() {
+    let tower: Vec<[u8; 3]> = (0..4).map(|z| [1, 2, z]).collect();
+    let good = voxels(&tower);
+    let ran = shape("tower.vox", &good, &["--at", "1,0,0", "--modules", "--split"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    assert!(ran.out.contains("4, from [2, 2, 0] to [2, 2, 3]"), "{}", ran.out);
+    let scenario = "{ file = { path = \"tower.vox\" } }";
+    let directory = tempfile::tempdir().unwrap();
+    fs::write(directory.path().join("tower.vox"), &good).unwrap();
+    let file = directory.path().join("a.toml");
+    let text = format!(
+        "version = 1\n[swarm]\nstart = {{ box = {{ min = [1, 2, 0], max = [6, 2, 0] }} }}\n\
+         [[goal]]\nseed = [1, 2, 0]\nshape = {scenario}\n"
+    );
+    fs::write(&file, text).unwrap();
+    let ran = run(&["check", file.to_str().unwrap()]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    refused(&shape("a.vox", &good[..40], &[]), &["a.vox: byte "]);
+    refused(&shape("a.vox", "solid a", &[]), &["a.vox: byte 0: this is no MagicaVoxel file"]);
+    refused(&shape("a.vox", voxels(&[]), &[]), &["a.vox: there is no voxel in it that is shown"]);
+    for (option, value) in [("--pitch", "2"), ("--up", "y"), ("--part", "blocks")] {
+        refused(&shape("a.vox", &good, &[option, value]), &["a scene of MagicaVoxel"]);
+    }
 }
 
 /// A repair is written, read again and built by a swarm of cubes whose scenario names the file.

@@ -146,6 +146,15 @@ fn files_are_opened_and_saved_in_the_directory_only() {
         let (status, answer) = opened(name);
         assert!(status == 422 && !answer.to_string().contains("7,7,7"), "{name}: {answer}");
     }
+    // Pins are kept, and those of no module refused.
+    let pinned =
+        |name: &str, pins: Value| ask(&view, "save", json!({ "name": name, "cells": chair(), "pins": pins }));
+    assert_eq!(pinned("pins.toml", json!([[[1, 0, 1], [0, 0, 1]]])).0, 200);
+    assert_eq!(opened("pins.toml").1["opened"]["pins"], json!([[[0, 0, 1], [1, 0, 1]]]));
+    for pins in [json!([[[0, 0, 1], [2, 0, 1]]]), json!([[[0, 0, 1], [0, 0, 2]]])] {
+        let (status, answer) = pinned("bad.toml", pins);
+        assert!(status == 422 && answer["why"].as_str().unwrap().contains("pin"), "{answer}");
+    }
     // What the page sends needs no directory.
     let hex: String = b"version = 1\ncells = [[0, 0, 0]]\n".iter().map(|b| format!("{b:02x}")).collect();
     assert_eq!(ask(&view, "open", json!({ "name": "a.toml", "content": hex })).0, 200);
@@ -155,6 +164,16 @@ fn files_are_opened_and_saved_in_the_directory_only() {
         let (status, answer) = ask(&view, "open", json!({ "name": name, "content": content }));
         assert!(status == 422 && !answer.to_string().contains("/tmp/"), "{name}: {answer}");
     }
+    // A voxel at [1, 2, 3] of a model of MagicaVoxel.
+    let vox = "564f582096000000\
+        4d41494e000000002c000000\
+        53495a450c00000000000000040000000400000004000000\
+        58595a49080000000000000001000000\
+        01020301";
+    let (status, answer) = ask(&view, "open", json!({ "name": "a.vox", "content": vox }));
+    assert_eq!((status, &answer["opened"]["cells"]), (200, &json!([[1, 2, 3]])), "{answer}");
+    let (status, answer) = ask(&view, "open", json!({ "name": "a.vox", "content": &vox[..80] }));
+    assert!(status == 422 && answer["why"].as_str().unwrap().contains("a.vox: byte"), "{answer}");
     assert!(!Path::new("/tmp/x.toml").exists());
     drop(view);
     let view = View::start(&["studio"]);

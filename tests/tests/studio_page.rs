@@ -264,6 +264,120 @@ fn cubes_are_drawn_mirrored_chosen_copied_and_taken_back() {
     check_clean(&mut browser, &view);
 }
 
+/// Presses a key together with Shift.
+fn shifted(browser: &mut Browser, key: &str) {
+    for (kind, text) in [("keyDown", key), ("keyUp", "")] {
+        let how = json!({ "type": kind, "key": key, "text": text, "modifiers": 8 });
+        browser.call("Input.dispatchKeyEvent", how);
+    }
+}
+
+const PINS: &str = "window.studio.structure.pins.size / 2";
+
+/// Pins by tool, keyboard and module; they cost a module, are given up, move with their cubes, and are saved.
+#[test]
+fn modules_are_pinned_and_the_pins_that_forbid_a_pairing_are_given_up() {
+    let directory = tempfile::tempdir().unwrap();
+    let view = View::start(&["studio", "--dir", directory.path().to_str().unwrap()]);
+    let Some(mut browser) = open(&view, None) else { return };
+    let is = |browser: &mut Browser, pins: u64, d: u64| {
+        browser.until(&format!("{SETTLED} && {PINS} === {pins} && window.studio.panel.answer.d === {d}"));
+    };
+    browser.press("Escape");
+    browser.evaluate("window.studio.structure.open([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]], 'line')");
+    is(&mut browser, 0, 0);
+    // A drag from a cube to the next makes the two inner ones a module, which forbids the outer ones.
+    browser.press("0");
+    let (from, to) = (spot(&mut browser, [1.0, 0.0, 0.5]), spot(&mut browser, [2.0, 0.0, 0.5]));
+    drag(&mut browser, from, to, "left");
+    is(&mut browser, 1, 2);
+    let verdict = "document.getElementById('verdict-text').textContent";
+    assert_eq!(browser.evaluate(verdict), json!("A pin forbids it: 2 cubes left over"));
+    browser.press("z");
+    is(&mut browser, 0, 0);
+    browser.evaluate("document.getElementById('redo').click()");
+    is(&mut browser, 1, 2);
+    // The button gives it up, as one step that can be taken back; the key does the same.
+    let give_up = middle(&mut browser, "#give-up");
+    browser.click(give_up.0, give_up.1);
+    is(&mut browser, 0, 0);
+    browser.press("z");
+    is(&mut browser, 1, 2);
+    shifted(&mut browser, "R");
+    is(&mut browser, 0, 0);
+    // A click on a module keeps it as it is, and a second one no longer.
+    let cube = spot(&mut browser, [0.0, 0.0, 0.5]);
+    drag(&mut browser, cube, cube, "left");
+    is(&mut browser, 1, 0);
+    assert_eq!(browser.evaluate("window.studio.structure.pinnedTo([0, 0, 0])"), json!([1, 0, 0]));
+    drag(&mut browser, cube, cube, "left");
+    is(&mut browser, 0, 0);
+    // The keyboard: the module at the cursor, and two chosen cubes.
+    browser.evaluate("window.studio.structure.move([3, 0, 0])");
+    browser.press("k");
+    is(&mut browser, 1, 0);
+    assert_eq!(browser.evaluate("window.studio.structure.pinnedTo([3, 0, 0])"), json!([2, 0, 0]));
+    browser.press("k");
+    is(&mut browser, 0, 0);
+    browser.evaluate("window.studio.tools.choose([[1, 0, 0], [2, 0, 0]])");
+    browser.press("k");
+    is(&mut browser, 1, 2);
+    shifted(&mut browser, "K");
+    is(&mut browser, 0, 0);
+    browser.press("Escape");
+    // The tool for modules pins what it draws; a cube that goes away takes its pin along, and the tool both cubes.
+    browser.press("3");
+    browser.evaluate("window.studio.structure.move([6, 0, 0])");
+    enter(&mut browser);
+    browser.until(&format!("{CELLS} === 6"));
+    is(&mut browser, 1, 0);
+    browser.evaluate("window.studio.structure.change([], [[6, 0, 1]])");
+    is(&mut browser, 0, 1);
+    browser.press("z");
+    is(&mut browser, 1, 0);
+    browser.press("f");
+    browser.evaluate(REST);
+    let above = spot(&mut browser, [6.0, 0.0, 1.5]);
+    drag(&mut browser, above, above, "right");
+    browser.until(&format!("{CELLS} === 4"));
+    is(&mut browser, 0, 0);
+    browser.press("z");
+    is(&mut browser, 1, 0);
+    // Pins go with their cubes: moved, turned, and copied.
+    browser.evaluate("window.studio.tools.choose([[6, 0, 0], [6, 0, 1]])");
+    browser.evaluate("window.studio.tools.moveChosen([0, 2, 0])");
+    is(&mut browser, 1, 0);
+    assert_eq!(browser.evaluate("window.studio.structure.pinnedTo([6, 2, 0])"), json!([6, 2, 1]));
+    browser.press("c");
+    browser.evaluate("window.studio.structure.move([8, 0, 0])");
+    browser.press("v");
+    is(&mut browser, 2, 0);
+    assert_eq!(browser.evaluate("window.studio.structure.pinnedTo([8, 0, 1])"), json!([8, 0, 0]));
+    // Mirrors pin the images, too.
+    browser.evaluate("window.studio.structure.open([[0, 0, 0]], 'one')");
+    is(&mut browser, 0, 1);
+    browser.press("x");
+    browser.press("x");
+    browser.evaluate("window.studio.tools.put([3, 0, 0])");
+    is(&mut browser, 2, 1);
+    browser.press("x");
+    // What is saved has the pins, and what is opened.
+    browser
+        .evaluate("window.studio.structure.open([[0, 0, 0], [1, 0, 0]], 'kept', [[[1, 0, 0], [0, 0, 0]]])");
+    is(&mut browser, 1, 0);
+    browser.evaluate("window.studio.save()");
+    browser.until("document.getElementById('hint').textContent === 'kept.toml is saved'");
+    let saved = std::fs::read_to_string(directory.path().join("kept.toml")).unwrap();
+    assert!(saved.contains("pins = [\n    [[0, 0, 0], [1, 0, 0]],\n]"), "{saved}");
+    shifted(&mut browser, "K");
+    is(&mut browser, 0, 0);
+    browser.evaluate(
+        "[...document.querySelectorAll('#files button')].find((b) => b.textContent === 'kept.toml').click()",
+    );
+    is(&mut browser, 1, 0);
+    check_clean(&mut browser, &view);
+}
+
 /// Every text has a contrast of at least 4.5 to what is behind it, in light and dark; nothing is wider than the screen.
 #[test]
 fn texts_can_be_read_at_every_size() {

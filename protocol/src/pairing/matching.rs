@@ -88,7 +88,7 @@ impl Matching {
     }
 
     fn neighbours<'a>(&'a self, around: &'a Surroundings, cell: u32) -> impl Iterator<Item = u32> + 'a {
-        let neighbours = &around.neighbours[cell as usize];
+        let neighbours = around.choices(cell);
         let all = self.faces.iter().map(move |f| neighbours[f.index()]);
         all.filter(move |n| *n != NONE && self.present[*n as usize])
     }
@@ -96,7 +96,7 @@ impl Matching {
     pub fn pair(&mut self, around: &Surroundings, a: u32, b: u32) {
         let [i, j] = [a as usize, b as usize];
         let open = |k: usize| self.present[k] && self.mate[k] == NONE;
-        if open(i) && open(j) && around.neighbours[i].contains(&b) {
+        if open(i) && open(j) && around.choices(a).contains(&b) {
             (self.mate[i], self.mate[j]) = (b, a);
         }
     }
@@ -117,7 +117,7 @@ impl Matching {
         'paths: while let Some(cell) = queue.get(next).copied() {
             next += 1;
             for face in self.faces {
-                let near = around.neighbours[cell as usize][face.index()];
+                let near = around.choices(cell)[face.index()];
                 if near == NONE || !self.present[near as usize] || self.seen[near as usize] == self.search {
                     continue;
                 }
@@ -186,6 +186,33 @@ impl Matching {
             self.present[cell as usize] = true;
         }
         useful
+    }
+    /// Takes two neighbours out of a maximum matching as one pair, if the others then have as many pairs as there are
+    /// without it; returns whether it did. If not, the matching is a maximum one again.
+    pub fn pin(&mut self, around: &Surroundings, a: u32, b: u32) -> bool {
+        // Two cells go away and one pair with them; it costs nothing if as many cells as before are left over.
+        let kept = self.take_out(around, a) + self.take_out(around, b) == 0;
+        if !kept {
+            for cell in [a, b] {
+                self.present[cell as usize] = true;
+                self.forget();
+                self.search(around, cell);
+            }
+        }
+        kept
+    }
+    /// Removes a cell and finds another partner for the one it had, if there is one. Returns by how many the cells left
+    /// over have become more.
+    fn take_out(&mut self, around: &Surroundings, cell: u32) -> i32 {
+        self.present[cell as usize] = false;
+        let mate = std::mem::replace(&mut self.mate[cell as usize], NONE);
+        if mate == NONE {
+            return -1;
+        }
+        self.mate[mate as usize] = NONE;
+        self.forget();
+        // The cell that has lost its partner is left over, or takes another one that was along.
+        if self.search(around, mate) { -1 } else { 1 }
     }
     /// Adds or removes a cell. The matching has to be completed afterwards.
     pub fn toggle(&mut self, cell: u32) {

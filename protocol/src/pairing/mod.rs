@@ -3,15 +3,16 @@
 //! A module covers two cells that share a face. A structure can be built of modules if its graph of cells has a
 //! perfect matching (thesis C.6.3). The cells of a lattice are two-coloured by the parity of x + y + z, so the graph
 //! is bipartite. `matching` finds a maximum matching, `reason` the certificate of Hall for the cells left over,
-//! `repair` the least changes that make a structure buildable, `split` chains of two modules; `thesis` has the
-//! published algorithm and `generated` random structures, for comparison.
+//! `repair` the least changes that make a structure buildable, `split` chains of two modules; `pins` are pairs that a
+//! person wants. `thesis` has the published algorithm and `generated` random structures, for comparison.
 //!
-//! Everything follows from the set of cells alone: cells are taken in ascending order of (z, y, x) and neighbours in
+//! Everything follows from the sets of cells and pins alone: cells are taken in ascending order of (z, y, x) and neighbours in
 //! the order of the faces. Lengths are cells. Absent: where modules walk, and whether their joints carry the structure.
 
 mod exact_cover;
 pub mod generated;
 mod matching;
+pub mod pins;
 pub mod reason;
 pub mod repair;
 pub mod split;
@@ -22,6 +23,7 @@ use crate::lattice::{Cell, Face};
 use crate::shape::components;
 use matching::Matching;
 use petgraph::graph::UnGraph;
+use pins::Pin;
 use serde::Serialize;
 use std::collections::BTreeSet;
 use thiserror::Error;
@@ -57,6 +59,20 @@ pub enum PairingError {
         /// A cell of the second part.
         to: Cell,
     },
+    /// A pin names a cell that is not drawn.
+    #[error("the pin {} {} names the cell {free}, which is not there", pin[0], pin[1])]
+    PinWithoutCell {
+        /// The pin.
+        pin: Pin,
+        /// The cell that is not drawn.
+        free: Cell,
+    },
+    /// The cells of a pin share no face.
+    #[error("the cells {} and {} of a pin share no face", .0[0], .0[1])]
+    PinApart(Pin),
+    /// A cell is in two pins.
+    #[error("the cell {0} is in two pins; a module has two cells")]
+    PinnedTwice(Cell),
 }
 
 /// Returns the key by which cells are ordered here.
@@ -77,6 +93,10 @@ struct Surroundings {
     cells: Vec<Cell>,
     /// By cell and face; [`NONE`] where there is no cell.
     neighbours: Vec<[u32; 6]>,
+    /// The neighbours that may be partners, by cell and face; `None` if all may be, since there are no pins.
+    choices: Option<Vec<[u32; 6]>>,
+    /// By cell, what a pin joins it with, or [`NONE`]; empty if there are no pins.
+    pinned: Vec<u32>,
     drawn: Vec<bool>,
     /// The lowest drawn layer.
     floor: i16,
@@ -92,7 +112,11 @@ impl Surroundings {
         let at = |cell: Cell| cells.binary_search_by_key(&key(cell), |c| key(*c)).map_or(NONE, |i| i as u32);
         let neighbours = cells.iter().map(|c| c.neighbours().map(at)).collect();
         let drawn = cells.iter().map(|c| drawn.contains(c)).collect();
-        Surroundings { cells, neighbours, drawn, floor }
+        Surroundings { cells, neighbours, choices: None, pinned: Vec::new(), drawn, floor }
+    }
+    /// Returns the neighbours that may be partners of a cell, by face.
+    fn choices(&self, cell: u32) -> &[u32; 6] {
+        &self.choices.as_ref().unwrap_or(&self.neighbours)[cell as usize]
     }
     fn index(&self, cell: Cell) -> Option<u32> {
         self.cells.binary_search_by_key(&key(cell), |c| key(*c)).ok().map(|i| i as u32)
@@ -121,6 +145,8 @@ pub struct Pairing {
     /// Cells that some maximum matching leaves over.
     free: Vec<bool>,
     unpaired: usize,
+    /// In ascending order.
+    pins: Vec<Pin>,
 }
 
 /// The cells of each colour.
@@ -138,6 +164,14 @@ impl Pairing {
     /// # Errors
     /// Refuses a set that is empty, too large, out of range or not connected.
     pub fn of(cells: &[Cell]) -> Result<Pairing, PairingError> {
+        Pairing::pinned(cells, &[])
+    }
+
+    /// Pairs the cells so that those of each pin are partners; a pin that is listed twice counts once.
+    ///
+    /// # Errors
+    /// Refuses what [`Pairing::of`] does, and pins whose cells are not drawn, share no face, or are in another pin.
+    pub fn pinned(cells: &[Cell], pins: &[Pin]) -> Result<Pairing, PairingError> {
         let drawn: BTreeSet<Cell> = cells.iter().copied().collect();
         if drawn.is_empty() {
             return Err(PairingError::Empty);
@@ -153,12 +187,14 @@ impl Pairing {
             // A part begins with its least cell.
             return Err(PairingError::Disconnected { parts: parts.len(), from: first[0], to: second[0] });
         }
-        let around = Surroundings::of(&drawn);
+        let pins = pins::checked(&drawn, pins)?;
+        let mut around = Surroundings::of(&drawn);
+        around.pin(&pins);
         let mut matching = Matching::new(&around);
         matching.complete(&around, Face::ALL, None);
         let free = matching.free(&around);
         let unpaired = matching.unpaired().count();
-        Ok(Pairing { around, matching, free, unpaired })
+        Ok(Pairing { around, matching, free, unpaired, pins })
     }
 
     /// Returns the cells in ascending order of (z, y, x).

@@ -1,20 +1,23 @@
 //! Why cells stay left over: a certificate of Hall, which can be counted by hand.
 
+use super::pins::Pin;
 use super::{NONE, Pairing};
 use crate::lattice::Cell;
 use serde::Serialize;
 use std::collections::BTreeSet;
 
-/// Cells of one colour that together touch fewer cells than they are.
+/// Cells of one colour that together touch fewer cells than they are, pinned ones aside.
 ///
-/// *Invariant.* `cells` has more cells than `neighbours`, and `neighbours` are all the drawn cells that share a face
-/// with one of `cells`. Both ascend by (z, y, x).
+/// *Invariant.* `cells` has more cells than `neighbours`. `neighbours` and the cells of `pins` contain all the drawn cells
+/// that share a face with one of `cells`. All ascend by (z, y, x).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Reason {
     /// The cells that need partners.
     pub cells: Vec<Cell>,
     /// All their possible partners.
     pub neighbours: Vec<Cell>,
+    /// The pins that keep a cell beside them from being their partner.
+    pub pins: Vec<Pin>,
 }
 
 impl Reason {
@@ -52,7 +55,7 @@ impl Pairing {
                 } else {
                     neighbours.insert(at)
                 };
-                for near in self.around.neighbours[at as usize].into_iter().filter(|n| *n != NONE) {
+                for near in self.around.choices(at).iter().copied().filter(|n| *n != NONE) {
                     let other = if of_free { touched[near as usize] } else { self.free[near as usize] };
                     if other && !seen[near as usize] {
                         seen[near as usize] = true;
@@ -61,16 +64,34 @@ impl Pairing {
                 }
             }
             let named = |set: BTreeSet<u32>| set.into_iter().map(|i| self.around.cells[i as usize]).collect();
-            reasons.push(Reason { cells: named(cells), neighbours: named(neighbours) });
+            let pins = self.pins_beside(&cells);
+            reasons.push(Reason { cells: named(cells), neighbours: named(neighbours), pins });
         }
         reasons
     }
 
+    /// Returns the pins with a cell beside one of these, in ascending order.
+    fn pins_beside(&self, cells: &BTreeSet<u32>) -> Vec<Pin> {
+        if self.pins.is_empty() {
+            return Vec::new();
+        }
+        let near = cells.iter().flat_map(|i| self.around.neighbours[*i as usize]).filter(|n| *n != NONE);
+        let pins: BTreeSet<[u32; 2]> = near
+            .filter_map(|one| self.around.pinned_to(one).map(|other| [one.min(other), one.max(other)]))
+            .collect();
+        pins.into_iter().map(|pin| pin.map(|i| self.around.cells[i as usize])).collect()
+    }
+
     fn touched_marks(&self) -> Vec<bool> {
         let mut touched = vec![false; self.free.len()];
-        for (i, neighbours) in self.around.neighbours.iter().enumerate().filter(|(i, _)| self.free[*i]) {
+        for i in (0..self.free.len()).filter(|i| self.free[*i]) {
             debug_assert!(self.around.drawn[i], "only drawn cells are left over");
-            for near in neighbours.iter().filter(|n| **n != NONE && self.around.drawn[**n as usize]) {
+            for near in self
+                .around
+                .choices(i as u32)
+                .iter()
+                .filter(|n| **n != NONE && self.around.drawn[**n as usize])
+            {
                 touched[*near as usize] = true;
             }
         }

@@ -6,6 +6,8 @@
 //! changes in order of their costs, each if it lowers the number left over, gives the cheapest set. Where such a set
 //! cuts the structure apart, changes are taken one at a time and cut cells are kept; the number stays d, the cost is
 //! then not proven least.
+//!
+//! No repair takes a pinned cell away. With pins, additions or removals alone may not suffice.
 
 use super::matching::Matching;
 use super::symmetry::Symmetry;
@@ -137,8 +139,8 @@ impl Repair {
 }
 
 impl Pairing {
-    /// Returns up to five different repairs, the preferred one first; none if no cell is left over. All have
-    /// [`Pairing::unpaired`] changes, except that a symmetric one may have two more.
+    /// Returns up to five different repairs, the preferred one first; none if no cell is left over, or if pins leave no
+    /// way. All have [`Pairing::unpaired`] changes, except that a symmetric one may have two more.
     pub fn repairs(&self, allowed: Allowed) -> Vec<Repair> {
         self.repairs_while(allowed, &|| true)
     }
@@ -224,7 +226,8 @@ impl Pairing {
             }
             // A structure stands on its lowest layer.
             let below = cell.z < around.floor;
-            if !(below || drawn && alone) {
+            let pinned = around.pinned_to(index as u32).is_some();
+            if !(below || pinned || drawn && alone) {
                 all.push(Candidate { change, index: index as u32, cost: cost + BROKEN_SYMMETRY * broken });
             }
         }
@@ -271,7 +274,7 @@ impl Pairing {
             let cuts = articulation_points(&around.graph(matching.present()));
             let free = matching.free(around);
             let beside = |cell: u32, of: &dyn Fn(usize) -> bool| {
-                around.neighbours[cell as usize].into_iter().any(|n| n != NONE && of(n as usize))
+                around.choices(cell).iter().any(|n| *n != NONE && of(*n as usize))
             };
             let next = candidates.iter().find(|c| match c.change {
                 Change::Remove(_) => free[c.index as usize] && !cuts.contains(&NodeIndex::from(c.index)),

@@ -137,6 +137,11 @@ impl Pairing {
     fn is_foot(&self, cell: u32) -> bool {
         self.around.cells[cell as usize].z == self.around.floor
     }
+    /// Returns the cells that may make a module with this one.
+    fn partners(&self, cell: u32) -> impl Iterator<Item = u32> + '_ {
+        let near = self.around.choices(cell).iter().copied();
+        near.filter(|n| *n != NONE && self.around.drawn[*n as usize])
+    }
     fn drawn_neighbours(&self, cell: u32) -> impl Iterator<Item = u32> + '_ {
         let near = self.around.neighbours[cell as usize].into_iter();
         near.filter(|n| *n != NONE && self.around.drawn[*n as usize])
@@ -206,14 +211,14 @@ impl Pairing {
         footing == Footing::Free || self.is_foot(chain[0]) || self.is_foot(chain[3])
     }
 
-    /// Returns one chain for each set of four cells that a chain can cover.
+    /// Returns one chain for each set of four cells that a chain can cover and keep the pins.
     fn all_chains(&self, footing: Footing) -> Vec<[u32; 4]> {
         let mut seen = BTreeSet::new();
         let mut chains = Vec::new();
         for a in self.drawn() {
-            for b in self.drawn_neighbours(a) {
+            for b in self.partners(a) {
                 for c in self.drawn_neighbours(b).filter(|c| *c != a) {
-                    for d in self.drawn_neighbours(c).filter(|d| *d != b) {
+                    for d in self.partners(c).filter(|d| *d != b) {
                         let chain = [a, b, c, d];
                         let mut set = chain;
                         set.sort_unstable();

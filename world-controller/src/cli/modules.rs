@@ -10,10 +10,11 @@ use crate::scenario::mesh_import::shape::{RepairArg, ShapeArgs, ShapeError, desc
 use crate::studio::analysis::Analysis;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::MAX_SEEDS;
+use metamorph_protocol::pairing::pins::Pin;
 use metamorph_protocol::pairing::repair::{Allowed, Change, Cheapest};
 use metamorph_protocol::pairing::{Colours, Pairing, PairingError};
 use serde::Serialize;
-use std::fmt::Write;
+use std::fmt::{Display, Write};
 use thiserror::Error;
 
 /// Exit code: the cells do not pair up.
@@ -47,6 +48,9 @@ fn fix(error: &PairingError) -> &'static str {
         PairingError::Empty => "draw a cell",
         PairingError::TooMany(_) => "choose a larger pitch, or name fewer cells",
         PairingError::OutOfRange(_) => "move it towards the origin",
+        PairingError::PinWithoutCell { .. } | PairingError::PinApart(_) | PairingError::PinnedTwice(_) => {
+            "remove the pin"
+        }
         PairingError::Disconnected { .. } => "join the parts, or analyse each in a file of its own",
     }
 }
@@ -88,7 +92,7 @@ pub fn modules(args: &ShapeArgs) -> Result<u8, ModulesError> {
     if let Some(thin) = imported.thin.clone().filter(|_| !args.drop_thin) {
         return Err(ShapeError::Solid(thin).into());
     }
-    let pairing = Pairing::of(&imported.cells)
+    let pairing = Pairing::pinned(&imported.cells, &imported.pins)
         .map_err(|error| ModulesError::Pairing { file: args.file.shown(), error })?;
     let allowed = match args.repair {
         RepairArg::Add => Allowed::Add,
@@ -111,7 +115,7 @@ pub fn modules(args: &ShapeArgs) -> Result<u8, ModulesError> {
         if answer.analysis.d == 0 || first.is_some() {
             let cells = first.map_or_else(|| imported.cells.clone(), |r| r.apply(pairing.cells()));
             let name = args.file.file_stem().map(|n| n.to_string_lossy().into_owned());
-            file.write(drawing::text(&portable(&args.file), name.as_deref(), &cells))?;
+            file.write(drawing::text(&portable(&args.file), name.as_deref(), &cells, &imported.pins))?;
             let what = if first.is_some() { "repair 1 is" } else { "the cells are" };
             let _ = writeln!(shown, "\n{what} written to {}", path.shown());
         }
@@ -124,6 +128,9 @@ fn text(out: &mut String, answer: &Analysis) {
     let Colours { even, odd } = answer.colours;
     let _ = writeln!(out, "  colours   {} even, {} odd (x + y + z)", count(even as u64), count(odd as u64));
     let _ = writeln!(out, "  modules   {}", count(answer.pairs.len() as u64));
+    if let pins @ 1.. = answer.pins.len() {
+        let _ = writeln!(out, "  pins      {}", count(pins as u64));
+    }
     if answer.d == 0 {
         let _ = writeln!(out, "  every cell has a partner: it can be built of modules");
     } else {
@@ -131,17 +138,37 @@ fn text(out: &mut String, answer: &Analysis) {
         for reason in answer.reasons.iter().take(LISTED) {
             let (cells, near) = (&reason.cells, &reason.neighbours);
             let _ = match (cells.len(), near.len()) {
-                (1, 0) => writeln!(out, "    the cell {} touches no other", cells[0]),
+                (1, 0) if reason.pins.is_empty() => {
+                    writeln!(out, "    the cell {} touches no other", cells[0])
+                }
+                (1, 0) => writeln!(out, "    the cell {} touches only pinned cells", cells[0]),
                 (n, m) => writeln!(
                     out,
-                    "    these {n} cells touch only {}: {}\n      cells  {}",
+                    "    these {n} cells touch only {}{}: {}\n      cells  {}",
                     if m == 1 { "this one".to_owned() } else { format!("these {m}") },
+                    if reason.pins.is_empty() { "" } else { " that are not pinned" },
                     listed(near.iter()),
                     listed(cells.iter()),
                 ),
             };
+            if !reason.pins.is_empty() {
+                let _ = writeln!(out, "      pins   {}", listed(named(&reason.pins).iter()));
+            }
         }
         more(out, answer.reasons.len(), "reason");
+        if !answer.costly_pins.is_empty() {
+            let pins = listed(named(&answer.costly_pins).iter());
+            let subject =
+                if answer.costly_pins.len() == 1 { "this pin forbids" } else { "these pins forbid" };
+            let _ = match answer.d_without_pins {
+                0 => writeln!(out, "  {subject} that every cell has a partner: {pins}"),
+                d => writeln!(
+                    out,
+                    "  {subject} that fewer are left over, {} without: {pins}",
+                    many(d as u64, "cell")
+                ),
+            };
+        }
         let _ = writeln!(out, "  repairs");
         for (i, repair) in answer.repairs.iter().enumerate() {
             let of = |removes| {
@@ -159,7 +186,15 @@ fn text(out: &mut String, answer: &Analysis) {
             let _ = writeln!(out, "    {}  {changes}  (cost {}, {proof})", i + 1, repair.cost);
         }
         if answer.repairs.is_empty() {
-            let _ = writeln!(out, "    none of this kind: a single cell is not removed");
+            let _ = writeln!(
+                out,
+                "    none of this kind: {}",
+                if answer.pins.is_empty() {
+                    "a single cell is not removed"
+                } else {
+                    "all of them would break a pin"
+                }
+            );
         }
     }
     let splits = answer.split.iter().flat_map(|s| [("chains", &s.free), ("standing", &s.standing)]);
@@ -177,9 +212,14 @@ fn text(out: &mut String, answer: &Analysis) {
     }
 }
 
-fn listed<'a>(cells: impl ExactSizeIterator<Item = &'a Cell>) -> String {
+/// Puts pins into words.
+fn named(pins: &[Pin]) -> Vec<String> {
+    pins.iter().map(|[a, b]| format!("{a}-{b}")).collect()
+}
+
+fn listed<'a, T: Display + 'a>(cells: impl ExactSizeIterator<Item = &'a T>) -> String {
     let hidden = cells.len().saturating_sub(LISTED);
-    let mut shown: Vec<String> = cells.take(LISTED).map(Cell::to_string).collect();
+    let mut shown: Vec<String> = cells.take(LISTED).map(T::to_string).collect();
     if hidden > 0 {
         shown.push(format!("and {} more", count(hidden as u64)));
     }

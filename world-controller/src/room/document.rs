@@ -6,10 +6,11 @@ use super::model::{Area, Block, COLOURS, Colour, MAX_HEIGHT, MAX_PIECES, MAX_SID
 use crate::scenario::diagnostics::{At, Diagnostics, Place};
 use crate::scenario::error::ScenarioError;
 use crate::scenario::family::Families;
-use crate::scenario::mesh_import::drawing;
+use crate::scenario::mesh_import::drawing::{self, Drawing};
 use crate::scenario::table::{Connector, Node, Read, Section, elements, wrong};
 use metamorph_module_agent::regular_file;
 use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::pairing::pins::Pin;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use toml::de::DeTable;
@@ -283,7 +284,7 @@ fn read_cells(node: Option<&Node<'_>>, diagnostics: &mut Diagnostics) -> Option<
     let node = node?;
     let all = elements(node, "cells = [[0, 0, 0], [0, 0, 1], [0, 0, 2], [0, 0, 3]]", diagnostics)?;
     let cells: Option<Vec<Cell>> = all.iter().map(|cell| Cell::read(cell, diagnostics)).collect();
-    form(&cells?, &node.span().into(), diagnostics)
+    form(&cells?, &[], &node.span().into(), diagnostics)
 }
 
 fn read_drawing(path: &str, place: &Place, diagnostics: &mut Diagnostics) -> Option<Form> {
@@ -291,9 +292,11 @@ fn read_drawing(path: &str, place: &Place, diagnostics: &mut Diagnostics) -> Opt
     let file = diagnostics.note(place, file)?;
     let text = regular_file::read(&file, MAX_BYTES).map_err(|e| e.to_string());
     let text = text.and_then(|bytes| String::from_utf8(bytes).map_err(|_| "it is not UTF-8 text".to_owned()));
-    let cells = text.and_then(|text| drawing::cells(path, &text).map_err(|e| e.to_string()));
-    match cells {
-        Ok(cells) => form(&cells.into_iter().collect::<Vec<_>>(), place, diagnostics),
+    let drawing = text.and_then(|text| drawing::read(path, &text).map_err(|e| e.to_string()));
+    match drawing {
+        Ok(Drawing { cells, pins }) => {
+            form(&cells.into_iter().collect::<Vec<_>>(), &pins, place, diagnostics)
+        }
         Err(why) => {
             let reason = format!("cannot read the drawing: {why}");
             diagnostics.add(
@@ -305,13 +308,13 @@ fn read_drawing(path: &str, place: &Place, diagnostics: &mut Diagnostics) -> Opt
     }
 }
 
-fn form(cells: &[Cell], place: &Place, diagnostics: &mut Diagnostics) -> Option<Form> {
+fn form(cells: &[Cell], pins: &[Pin], place: &Place, diagnostics: &mut Diagnostics) -> Option<Form> {
     let fix = |error: &FormError| match error {
         FormError::TooMany(_) => "divide it into several pieces",
         FormError::Pairing(_) => "draw one structure whose cells share faces",
         FormError::Split(_) => "`metamorph shape FILE --modules --split` says what becomes metamodules",
     };
-    let form = Form::of_cells(cells);
+    let form = Form::of_cells(cells, pins);
     diagnostics.note(place, form.map_err(|error| wrong_text(&error.to_string(), fix(&error))))
 }
 

@@ -2,6 +2,7 @@
 
 use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::metamodule::blueprint::{Seed, box_of_four, chair_of_six};
+use metamorph_protocol::pairing::pins::Pin;
 use metamorph_protocol::pairing::split::{Footing, NoSplit, Split};
 use metamorph_protocol::pairing::{Pairing, PairingError};
 use thiserror::Error;
@@ -53,17 +54,19 @@ impl Form {
     pub fn library(make: Library) -> Form {
         Form::of_levels(make(0, 0))
     }
-    /// A form whose cells are to be split into metamodules.
+    /// A form whose cells are to be split into metamodules; the cells of each pin are in one module.
     ///
     /// # Errors
     /// Refuses cells that are no structure, or that metamodules do not make.
-    pub fn of_cells(cells: &[Cell]) -> Result<Form, FormError> {
+    pub fn of_cells(cells: &[Cell], pins: &[Pin]) -> Result<Form, FormError> {
         if cells.len() > MAX_CELLS {
             return Err(FormError::TooMany(cells.len()));
         }
         let floor = cells.iter().map(|c| c.z).min().unwrap_or(0);
-        let standing: Vec<Cell> = cells.iter().map(|c| Cell { z: c.z - floor, ..*c }).collect();
-        let chains = match Pairing::of(&standing)?.split(Footing::Floor) {
+        let lowered = |c: Cell| Cell { z: c.z - floor, ..c };
+        let standing: Vec<Cell> = cells.iter().copied().map(lowered).collect();
+        let pins: Vec<Pin> = pins.iter().map(|pin| pin.map(lowered)).collect();
+        let chains = match Pairing::pinned(&standing, &pins)?.split(Footing::Floor) {
             Split::Yes(chains) => chains,
             Split::No(reason) => return Err(FormError::Split(why(&reason))),
             Split::Undecided => return Err(FormError::Split("the search for a split has ended without one")),
@@ -171,14 +174,21 @@ mod tests {
     #[test]
     fn drawings_become_metamodules_or_say_why_not() {
         let tower = |n: i16| (0..n).map(|z| Cell::new(5, -7, z + 2)).collect::<Vec<_>>();
-        let form = Form::of_cells(&tower(4)).unwrap();
+        let form = Form::of_cells(&tower(4), &[]).unwrap();
         assert_eq!(form.turned(0).levels, [[Seed { foot: (0, 0), directions: [Face::Up; 3] }]]);
         for (cells, why) in [(tower(5), "multiple of four"), (tower(8), "four layers high")] {
-            let error = Form::of_cells(&cells).unwrap_err().to_string();
+            let error = Form::of_cells(&cells, &[]).unwrap_err().to_string();
             assert!(error.contains(why), "{error}");
         }
+        let inner = [Cell::new(5, -7, 3), Cell::new(5, -7, 4)];
+        assert!(
+            matches!(Form::of_cells(&tower(4), &[inner]), Err(FormError::Split(why)) if why.contains("no partner"))
+        );
         let apart = [Cell::new(0, 0, 0), Cell::new(9, 0, 0)];
-        assert!(matches!(Form::of_cells(&apart), Err(FormError::Pairing(PairingError::Disconnected { .. }))));
-        assert_eq!(Form::of_cells(&vec![Cell::new(0, 0, 0); 513]), Err(FormError::TooMany(513)));
+        assert!(matches!(
+            Form::of_cells(&apart, &[]),
+            Err(FormError::Pairing(PairingError::Disconnected { .. }))
+        ));
+        assert_eq!(Form::of_cells(&vec![Cell::new(0, 0, 0); 513], &[]), Err(FormError::TooMany(513)));
     }
 }

@@ -243,7 +243,7 @@ fn shapes() -> Definitions {
         (
             "file",
             table(
-                "A solid (.stl, .obj), a configuration of VisibleSim (.xml) or a drawing (.toml).",
+                "A solid (.stl, .obj), a scene of MagicaVoxel (.vox), a configuration of VisibleSim (.xml) or a drawing (.toml).",
                 &["path"],
                 json!({
                     "path": said("Relative to the scenario.", text()),

@@ -7,12 +7,13 @@ use crate::scenario::family::{DrawnStructure, Families};
 use crate::view::http::refused;
 use hyper::StatusCode;
 use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::pairing::pins::{self, Pin};
 use metamorph_protocol::pairing::repair::Allowed;
 use metamorph_protocol::pairing::{Pairing, PairingError};
 use metamorph_protocol::shape::components;
 use serde::Deserialize;
 use serde_json::{Value, json};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -38,6 +39,8 @@ pub struct Asked {
     add: Vec<Cell>,
     #[serde(default)]
     remove: Vec<Cell>,
+    /// All pins, if they have changed since `base`.
+    pins: Option<Vec<Pin>>,
     /// Whether repairs, splits and families are asked for, too.
     #[serde(default)]
     all: bool,
@@ -49,6 +52,15 @@ struct Drawing {
     page: String,
     revision: u64,
     cells: BTreeSet<Cell>,
+    pins: Vec<Pin>,
+    /// The modules that the page shows.
+    shown: Vec<[Cell; 2]>,
+}
+
+/// What is analysed.
+struct Taken {
+    cells: BTreeSet<Cell>,
+    pins: Vec<Pin>,
     /// The modules that the page shows.
     shown: Vec<[Cell; 2]>,
 }
@@ -83,8 +95,8 @@ impl Analyses {
             }
         };
         let (page, revision, all) = (asked.session.clone(), asked.revision, asked.all);
-        let (cells, shown) = match self.take(asked) {
-            Ok(drawing) => drawing,
+        let Taken { cells, pins, shown } = match self.take(asked) {
+            Ok(taken) => taken,
             Err(refused) => return refused,
         };
         let cancelled = Arc::new(AtomicBool::new(false));
@@ -96,7 +108,7 @@ impl Analyses {
         let budget = Arc::clone(&cancelled);
         let analysis = tokio::task::spawn_blocking(move || {
             let budget = Budget::new(budget, LONGEST);
-            analyse(&cells, &shown, all.then_some(families), &budget)
+            analyse(&cells, &pins, &shown, all.then_some(families), &budget)
         });
         let analysed = analysis.await;
         drop(one);
@@ -114,9 +126,9 @@ impl Analyses {
         (StatusCode::OK, value)
     }
 
-    /// Takes the changes of a page, and returns its drawing and the modules that it shows.
-    fn take(&self, asked: Asked) -> Result<(BTreeSet<Cell>, Vec<[Cell; 2]>), Response> {
-        let Asked { version, session, revision, base, add, remove, .. } = asked;
+    /// Takes the changes of a page.
+    fn take(&self, asked: Asked) -> Result<Taken, Response> {
+        let Asked { version, session, revision, base, add, remove, pins, .. } = asked;
         let remove: BTreeSet<Cell> = remove.into_iter().collect();
         if version != super::VERSION {
             let why = format!("this program reads version {} of requests, not {version}", super::VERSION);
@@ -148,19 +160,23 @@ impl Analyses {
         });
         if let Ok(cells) = &changed {
             (drawing.cells, drawing.revision) = (cells.clone(), revision);
+            if base.is_none() || pins.is_some() {
+                drawing.pins = pins.unwrap_or_default();
+            }
         }
-        let shown = drawing.shown.clone();
+        let (pins, shown) = (drawing.pins.clone(), drawing.shown.clone());
         drawings.push(drawing);
         if drawings.len() > PAGES {
             drawings.remove(0);
         }
-        Ok((changed?, shown))
+        Ok(Taken { cells: changed?, pins, shown })
     }
 }
 
 /// Analyses cells, and returns the answer and the modules that are shown.
 fn analyse(
     cells: &BTreeSet<Cell>,
+    pins: &[Pin],
     shown: &[[Cell; 2]],
     families: Option<Families>,
     budget: &Budget,
@@ -168,12 +184,17 @@ fn analyse(
     let listed: Vec<Cell> = cells.iter().copied().collect();
     let going = || budget.is_left();
     let parts = components(&listed);
+    let refused = |error: &PairingError| json!({ "result": "refused", "why": error.to_string() });
+    let pins = match pins::checked(cells, pins) {
+        Ok(pins) => pins,
+        Err(error) => return (refused(&error), Vec::new()),
+    };
     let mut whole: Option<(Analysis, Vec<[Cell; 2]>, Vec<Cell>)> = None;
     let alone = parts.len() == 1;
-    for part in &parts {
-        let pairing = match Pairing::of(part) {
+    for (part, pins) in parts.iter().zip(pins_of_parts(&parts, pins)) {
+        let pairing = match Pairing::pinned(part, &pins) {
             Ok(pairing) => pairing,
-            Err(error) => return (json!({ "result": "refused", "why": error.to_string() }), Vec::new()),
+            Err(error) => return (refused(&error), Vec::new()),
         };
         let wanted = alone && families.is_some();
         let analysis = Analysis::of(&pairing, wanted.then_some(Allowed::Any), wanted, &going);
@@ -201,6 +222,22 @@ fn analyse(
     value["families"] = json!(families);
     value["complete"] = json!(!budget.was_ended());
     (value, pairs)
+}
+
+/// Returns the pins of each part. The cells of a pin share a face, so they are in one part.
+fn pins_of_parts(parts: &[Vec<Cell>], pins: Vec<Pin>) -> Vec<Vec<Pin>> {
+    let mut of_parts = vec![Vec::new(); parts.len()];
+    if parts.len() == 1 {
+        return vec![pins];
+    }
+    let part_of: BTreeMap<Cell, usize> =
+        parts.iter().enumerate().flat_map(|(i, part)| part.iter().map(move |cell| (*cell, i))).collect();
+    for pin in pins {
+        if let Some(part) = part_of.get(&pin[0]) {
+            of_parts[*part].push(pin);
+        }
+    }
+    of_parts
 }
 
 /// Says of each family whether it can build the drawing.
@@ -243,6 +280,36 @@ mod tests {
         let (_, value) = ask(&analyses, &body("a", 3, Some(2), &[[9, 0, 0], [10, 0, 0]]));
         assert_eq!((&value["parts"], &value["d"], &value["families"]), (&json!(2), &json!(0), &Value::Null));
         assert_eq!(ask(&analyses, &body("c", 1, None, &[])).1["result"], "empty");
+    }
+
+    #[test]
+    fn pins_are_kept_until_they_are_given_up_and_named_if_they_cost_a_module() {
+        let analyses = Arc::new(Analyses::default());
+        let mut first =
+            body("a", 1, None, &[[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [9, 0, 0], [9, 1, 0]]);
+        first["pins"] = json!([[[2, 0, 0], [1, 0, 0]], [[9, 0, 0], [9, 1, 0]]]);
+        let (_, value) = ask(&analyses, &first);
+        let costly = json!([[[1, 0, 0], [2, 0, 0]]]);
+        assert_eq!(
+            (&value["d"], &value["d_without_pins"], &value["costly_pins"], &value["parts"]),
+            (&json!(2), &json!(0), &costly, &json!(2)),
+            "{value}"
+        );
+        // Not named, pins stay; an empty list gives them up, and so does a drawing that is sent anew.
+        let (_, value) = ask(&analyses, &body("a", 2, Some(1), &[[4, 0, 0], [5, 0, 0]]));
+        assert_eq!((&value["d"], &value["pins"][0]), (&json!(2), &costly[0]), "{value}");
+        let mut given_up = body("a", 3, Some(2), &[]);
+        given_up["pins"] = json!([]);
+        assert_eq!(ask(&analyses, &given_up).1["d"], 0);
+        // A pin of a cell that goes away is refused until the page sends the others.
+        ask(&analyses, &first);
+        let mut without = body("a", 2, Some(1), &[]);
+        without["remove"] = json!([[9, 0, 0]]);
+        let (_, value) = ask(&analyses, &without);
+        assert!(
+            value["result"] == "refused" && value["why"].as_str().unwrap().contains("[9, 0, 0]"),
+            "{value}"
+        );
     }
 
     #[test]

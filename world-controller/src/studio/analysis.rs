@@ -3,6 +3,7 @@
 
 use crate::console::format::{count, many};
 use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::pairing::pins::{Pin, WithoutPins};
 use metamorph_protocol::pairing::reason::Reason;
 use metamorph_protocol::pairing::repair::{Allowed, Repair};
 use metamorph_protocol::pairing::split::{Footing, MAX_SPLIT, NoSplit, Split};
@@ -27,7 +28,13 @@ pub struct Analysis {
     pub touch: Vec<Cell>,
     /// Why cells stay left over.
     pub reasons: Vec<Reason>,
-    /// Changes after which none does.
+    /// The pins: cells that are one module each.
+    pub pins: Vec<Pin>,
+    /// The number of cells that would be left over without pins.
+    pub d_without_pins: usize,
+    /// The pins to be given up for that.
+    pub costly_pins: Vec<Pin>,
+    /// Changes after which none stays left over, and all pins are kept.
     pub repairs: Vec<Repair>,
     /// The splits into chains, if asked for.
     pub split: Option<Splits>,
@@ -54,8 +61,9 @@ pub struct SplitAnswer {
 }
 
 impl Analysis {
-    /// Analyses a structure; repairs and splits are searched for while `going` returns true.
+    /// Analyses a structure; costly pins, repairs and splits are searched for while `going` returns true.
     pub fn of(pairing: &Pairing, allowed: Option<Allowed>, split: bool, going: Going<'_>) -> Analysis {
+        let WithoutPins { unpaired: d_without_pins, costly: costly_pins } = pairing.without_pins_while(going);
         Analysis {
             pairs: pairing.pairs(),
             unpaired: pairing.left_over(),
@@ -64,6 +72,9 @@ impl Analysis {
             free: pairing.free(),
             touch: pairing.touched(),
             reasons: pairing.reasons(),
+            pins: pairing.pins().to_vec(),
+            d_without_pins,
+            costly_pins,
             repairs: allowed.map(|allowed| pairing.repairs_while(allowed, going)).unwrap_or_default(),
             split: split.then(|| Splits {
                 free: SplitAnswer::of(pairing, Footing::Free, going),
@@ -82,6 +93,9 @@ impl Analysis {
         self.free.extend(other.free);
         self.touch.extend(other.touch);
         self.reasons.extend(other.reasons);
+        self.pins.extend(other.pins);
+        self.d_without_pins += other.d_without_pins;
+        self.costly_pins.extend(other.costly_pins);
     }
 }
 

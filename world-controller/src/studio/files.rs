@@ -6,6 +6,7 @@ use super::directory::is_name;
 use crate::console::escape::Shown as _;
 use crate::scenario::mesh_import::{Format, Import, Imported, import, pitch_for};
 use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::pairing::pins::Pin;
 use serde::Serialize;
 use std::fs;
 use std::path::Path;
@@ -20,6 +21,8 @@ pub struct OpenedDrawing {
     pub name: String,
     /// The cells.
     pub cells: Vec<Cell>,
+    /// The pins of a drawing.
+    pub pins: Vec<Pin>,
     /// What was left out, as text.
     pub note: Option<String>,
 }
@@ -27,12 +30,12 @@ pub struct OpenedDrawing {
 /// Opens a file.
 pub fn open(path: &Path) -> Result<OpenedDrawing, StudioError> {
     let pitch = if Format::of(path)?.is_mesh() { Some(pitch_for(path, CELLS)?) } else { None };
-    let Imported { cells, thin, .. } = import(path, &Import { pitch, ..Import::default() })?;
+    let Imported { cells, pins, thin, .. } = import(path, &Import { pitch, ..Import::default() })?;
     if cells.len() > MAX_CELLS {
         return Err(StudioError::TooLarge { file: path.shown(), cells: cells.len() });
     }
     let name = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
-    Ok(OpenedDrawing { name, cells, note: thin.map(|thin| format!("left out: {thin}")) })
+    Ok(OpenedDrawing { name, cells, pins, note: thin.map(|thin| format!("left out: {thin}")) })
 }
 
 /// Makes cells of the content of a file of this name.

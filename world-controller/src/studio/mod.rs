@@ -54,7 +54,7 @@ Exit codes:
 /// Arguments of `studio`.
 #[derive(Debug, Args)]
 pub struct StudioArgs {
-    /// Drawings (.toml), solids (.stl, .obj) or configurations of VisibleSim (.xml) to open
+    /// Drawings (.toml), solids (.stl, .obj), scenes of MagicaVoxel (.vox) or configurations of VisibleSim (.xml) to open
     #[arg(value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Read and write drawings in this directory; default: none, the browser downloads and uploads them

@@ -16,6 +16,7 @@ use hyper::body::{Bytes, Incoming};
 use hyper::{Method, Request, StatusCode};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::pairing::Pairing;
+use metamorph_protocol::pairing::pins::{self, Pin};
 use metamorph_protocol::pairing::split::{Footing, Split};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -75,6 +76,9 @@ struct Start {
     version: u16,
     name: String,
     cells: Vec<Cell>,
+    /// Cells that are one module each.
+    #[serde(default)]
+    pins: Vec<Pin>,
     /// The family that builds it.
     family: String,
     /// What carries its messages.
@@ -99,6 +103,8 @@ struct Save {
     version: u16,
     name: String,
     cells: Vec<Cell>,
+    #[serde(default)]
+    pins: Vec<Pin>,
     #[serde(default)]
     replace: bool,
 }
@@ -254,7 +260,9 @@ impl Studio {
             return Err(wrong("the name of a drawing ends in .toml"));
         };
         let directory = self.directory()?;
-        let text = drawing::text("studio", Some(stem), &cells);
+        let drawn = cells.iter().copied().collect();
+        let pins = pins::checked(&drawn, &save.pins).map_err(|error| wrong(&error.to_string()))?;
+        let text = drawing::text("studio", Some(stem), &cells, &pins);
         match directory.write(&save.name, text.as_bytes(), save.replace) {
             Ok(()) => Ok(ok(json!({ "directory": directory.names().unwrap_or_default() }))),
             Err(error @ DirectoryError::Exists) => Err(refused(StatusCode::CONFLICT, &error.to_string())),
@@ -310,7 +318,7 @@ fn plan(start: &Start) -> Result<(String, Plan), Response> {
     if !(1..=MAX_NAME).contains(&start.name.chars().count()) || !start.name.chars().all(is_plain) {
         return Err(wrong("a name has 1 to 64 letters, digits, spaces, dots, dashes and underscores"));
     }
-    let pairing = Pairing::of(&cells).map_err(|error| wrong(&error.to_string()))?;
+    let pairing = Pairing::pinned(&cells, &start.pins).map_err(|error| wrong(&error.to_string()))?;
     let standing = match pairing.split(Footing::Floor) {
         Split::Yes(chains) => chains,
         _ => Vec::new(),

@@ -25,6 +25,12 @@ pub const MAX_ATTRIBUTES: usize = 2_000_000;
 pub const MAX_ATTRIBUTES_OF_ONE: usize = 64;
 /// Namespaces that an XML file may declare at most. The parser lists them for every element.
 pub const MAX_NAMESPACES: usize = 16;
+/// Voxels of a MagicaVoxel scene at most, those of a model counted as often as it is in the scene.
+pub const MAX_VOXELS: usize = 4_000_000;
+/// Chunks of a MagicaVoxel file at most, and nodes of its scene that are looked at.
+pub const MAX_VOX_CHUNKS: usize = 100_000;
+/// Bytes of a MagicaVoxel file at most that hold no voxels. In memory they take a multiple of that.
+pub const MAX_VOX_SCENE: usize = 8 << 20;
 /// Groups, objects and materials of an OBJ file at most.
 pub const MAX_GROUPS: usize = 10_000;
 
@@ -58,7 +64,7 @@ pub enum SolidError {
     #[error("{file}: the file is larger than {} MiB", MAX_BYTES >> 20, file = .0)]
     TooLarge(String),
     /// Neither a mesh nor a configuration, by its name.
-    #[error("{0}: the name does not end in .stl, .obj, .xml or .toml")]
+    #[error("{0}: the name does not end in .stl, .obj, .vox, .xml or .toml")]
     Format(String),
     /// Shorter than any STL.
     #[error(
@@ -268,6 +274,29 @@ pub enum SolidError {
         /// The element.
         what: String,
     },
+    /// A binary file that violates its format.
+    #[error("{file}: {place}: {why}")]
+    Damaged {
+        /// The file.
+        file: String,
+        /// The byte or part.
+        place: String,
+        /// The cause.
+        why: String,
+    },
+    /// More of something than is read.
+    #[error("{file}: there are more than {most} {what}")]
+    TooMuch {
+        /// The file.
+        file: String,
+        /// The kind of part.
+        what: &'static str,
+        /// The maximum.
+        most: usize,
+    },
+    /// A scene without a visible voxel.
+    #[error("{0}: there is no voxel in it that is shown")]
+    NoVoxel(String),
     /// An option for another kind of file.
     #[error("{file}: `{option}` does not apply to {what}")]
     Option {
@@ -291,9 +320,13 @@ impl SolidError {
                 "reduce the mesh, for example with Blender's Decimate modifier; cells are coarse anyway"
             }
             SolidError::Format(_) => {
-                "export it as STL or OBJ, or name a configuration of VisibleSim or a drawing"
+                "export it as STL, OBJ or VOX, or name a configuration of VisibleSim or a drawing"
             }
-            SolidError::TooShort { .. } | SolidError::Truncated { .. } => "export or copy the file again",
+            SolidError::TooShort { .. } | SolidError::Truncated { .. } | SolidError::Damaged { .. } => {
+                "export or copy the file again"
+            }
+            SolidError::TooMuch { .. } => "export a part of the scene",
+            SolidError::NoVoxel(_) => "show a layer or model that has voxels, and export the file again",
             SolidError::Syntax { .. } | SolidError::NotFinite { .. } => {
                 "export the file again, or repair this place"
             }

@@ -1,7 +1,7 @@
-//! Shapes from files: STL and OBJ solids from CAD programs, converted to cells, configurations of VisibleSim, and
-//! drawings.
+//! Shapes from files: STL and OBJ solids from CAD programs, converted to cells, scenes of MagicaVoxel, configurations of
+//! VisibleSim, and drawings.
 //!
-//! `mesh` reads triangles, `voxel` finds the cells that they enclose, `visiblesim` reads configurations,
+//! `mesh` reads triangles, `voxel` finds the cells that they enclose, `vox` reads scenes, `visiblesim` reads configurations,
 //! `drawing` reads and writes drawings,
 //! `printability` says what of a shape cannot be built, `preview` shows it and writes it as a scenario, `error` has
 //! the errors. The command is in `shape`.
@@ -16,13 +16,16 @@ pub mod preview;
 pub mod printability;
 pub mod shape;
 mod visiblesim;
+mod vox;
 mod voxel;
 
 use crate::console::escape::Shown;
 use crate::scenario::shipped;
+use drawing::Drawing;
 use error::{MAX_BOX, MAX_BYTES, SolidError};
 use metamorph_module_agent::regular_file;
 use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::pairing::pins::Pin;
 use std::collections::BTreeSet;
 use std::path::Path;
 pub use visiblesim::Part;
@@ -65,6 +68,8 @@ pub struct Imported {
     pub thin: Option<SolidError>,
     /// The mesh they came from.
     pub mesh: Option<MeshFacts>,
+    /// The pins of a drawing, in ascending order: cells that are one module each. Only pairing heeds them.
+    pub pins: Vec<Pin>,
 }
 
 /// Properties of a mesh.
@@ -87,6 +92,8 @@ pub enum Format {
     Obj,
     /// A configuration of VisibleSim.
     VisibleSim,
+    /// A scene of MagicaVoxel.
+    Vox,
     /// Listed cells.
     Drawing,
 }
@@ -99,6 +106,7 @@ impl Format {
             "stl" => Ok(Format::Stl),
             "obj" => Ok(Format::Obj),
             "xml" => Ok(Format::VisibleSim),
+            "vox" => Ok(Format::Vox),
             "toml" => Ok(Format::Drawing),
             _ => Err(SolidError::Format(path.shown())),
         }
@@ -117,32 +125,35 @@ pub fn import(path: &Path, how: &Import) -> Result<Imported, SolidError> {
         if wrong { Err(SolidError::Option { file, option, what }) } else { Ok(()) }
     };
     let mut imported = match Format::of(path)? {
-        format @ (Format::VisibleSim | Format::Drawing) => {
+        format @ (Format::VisibleSim | Format::Drawing | Format::Vox) => {
             let what = match format {
+                Format::Vox => "a scene of MagicaVoxel, which is made of cells",
                 Format::Drawing => "a drawing, which is made of cells",
                 _ => "a configuration of VisibleSim, which is made of cells",
             };
             refuse(how.pitch.is_some(), "pitch", what)?;
             refuse(how.up.is_some(), "up", what)?;
             refuse(how.drop_thin, "thin", what)?;
-            let text = String::from_utf8(load(path)?).map_err(|error| {
-                let before = &error.as_bytes()[..error.utf8_error().valid_up_to()];
-                let line = before.iter().filter(|b| **b == b'\n').count() + 1;
-                SolidError::Syntax { file: file.clone(), line, why: "this is not UTF-8 text".into() }
-            })?;
-            let cells = match format {
-                Format::Drawing => {
-                    refuse(how.part.is_some(), "part", "a drawing, which is one shape")?;
-                    drawing::cells(&file, &text)?
-                }
-                _ => visiblesim::cells(&file, &text, how.part.unwrap_or_default())?,
+            let part = match format {
+                Format::Vox => Some("a scene of MagicaVoxel, which is one shape"),
+                Format::Drawing => Some("a drawing, which is one shape"),
+                _ => None,
+            };
+            part.map_or(Ok(()), |what| refuse(how.part.is_some(), "part", what))?;
+            let bytes = load(path)?;
+            let Drawing { cells, pins } = match format {
+                Format::Vox => vox::cells(&file, &bytes)?.into(),
+                Format::Drawing => drawing::read(&file, text(&file, &bytes)?)?,
+                _ => visiblesim::cells(&file, text(&file, &bytes)?, how.part.unwrap_or_default())?.into(),
             };
             let at: [i16; 3] = how.at.into();
-            let moved = cells.into_iter().map(|cell| {
+            let moved = |cell: Cell| {
                 let cell: [i16; 3] = cell.into();
                 in_range(&file, [0, 1, 2].map(|axis| i64::from(cell[axis]) + i64::from(at[axis])))
-            });
-            Imported { cells: moved.collect::<Result<_, _>>()?, thin: None, mesh: None }
+            };
+            let pins = pins.into_iter().map(|[a, b]| Ok([moved(a)?, moved(b)?])).collect::<Result<_, _>>()?;
+            let cells = cells.into_iter().map(moved).collect::<Result<_, _>>()?;
+            Imported { cells, thin: None, mesh: None, pins }
         }
         format => {
             refuse(how.part.is_some(), "part", "a mesh, which is one shape")?;
@@ -169,6 +180,15 @@ pub fn import(path: &Path, how: &Import) -> Result<Imported, SolidError> {
         imported.cells = cells.into_iter().collect();
     }
     Ok(imported)
+}
+
+/// Returns bytes as the text that they are.
+fn text<'a>(file: &str, bytes: &'a [u8]) -> Result<&'a str, SolidError> {
+    std::str::from_utf8(bytes).map_err(|error| {
+        let before = &bytes[..error.valid_up_to()];
+        let line = before.iter().filter(|b| **b == b'\n').count() + 1;
+        SolidError::Syntax { file: file.to_owned(), line, why: "this is not UTF-8 text".into() }
+    })
 }
 
 /// Returns the pitch at which the longest side of a mesh has `cells` cells.
@@ -204,6 +224,7 @@ fn place(file: &str, triangles: &[mesh::Triangle], pitch: f64, at: Cell) -> Resu
             size: [0, 1, 2].map(|axis| max[axis] - min[axis]),
             pitch,
         }),
+        pins: Vec::new(),
     })
 }
 

@@ -25,7 +25,7 @@ const CELLS: u16 = 16;
 /// Arguments of `shape`.
 #[derive(Debug, Args)]
 pub struct ShapeArgs {
-    /// A solid (.stl, .obj), a configuration of VisibleSim (.xml), or a drawing (.toml)
+    /// A solid (.stl, .obj), a scene of MagicaVoxel (.vox), a configuration of VisibleSim (.xml), or a drawing (.toml)
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// The edge of a cell in the units of the file; default: as --cells says
@@ -37,7 +37,7 @@ pub struct ShapeArgs {
     /// Which axis of the file points up; default: z
     #[arg(long, value_enum)]
     pub up: Option<UpArg>,
-    /// Position of the centre of the lowest layer; of a configuration, its origin. Default: 0,0,0
+    /// Position of the centre of the lowest layer; of a file made of cells, its origin. Default: 0,0,0
     #[arg(long, value_name = "X,Y,Z", value_parser = cell, allow_hyphen_values = true)]
     pub at: Option<Cell>,
     /// The part of a configuration to show; default: targets

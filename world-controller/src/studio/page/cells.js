@@ -135,12 +135,14 @@ export function flipped(cells, axis) {
   return b ? cells.map((c) => mirrored(c, axis, b.low[axis] + b.high[axis])) : [];
 }
 
-/** Cells moved so that they stand on the floor around the origin. @param {Cell[]} cells @returns {Cell[]} */
-export function settled(cells) {
+/** A drawing moved so that it stands on the floor around the origin.
+ * @param {{ cells: Cell[], pins?: [Cell, Cell][] }} drawing @returns {{ cells: Cell[], pins: [Cell, Cell][] }} */
+export function settled({ cells, pins = [] }) {
   const b = bounds(cells);
-  if (!b) return [];
-  const by = [-Math.floor((b.low[0] + b.high[0]) / 2), -Math.floor((b.low[1] + b.high[1]) / 2), -b.low[2]];
-  return cells.map((c) => plus(c, by)).filter(inRange);
+  if (!b) return { cells: [], pins: [] };
+  const by = /** @type {Cell} */ ([-Math.floor((b.low[0] + b.high[0]) / 2), -Math.floor((b.low[1] + b.high[1]) / 2), -b.low[2]]);
+  const moved = (c) => plus(c, by);
+  return { cells: cells.map(moved).filter(inRange), pins: pins.map(([a, c]) => [moved(a), moved(c)]) };
 }
 
 /** The six cells that share a face with one. @param {Cell} c @returns {Cell[]} */

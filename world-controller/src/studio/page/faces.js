@@ -4,20 +4,23 @@
 import * as three from "./vendor/three.js";
 import { BESIDE, cell } from "./cells.js";
 
-/** @typedef {{ key: number, colour: any, partner?: number }} Drawn a cell, and the other cell of its module */
+/** @typedef {{ key: number, colour: any, partner?: number, pinned?: boolean }} Drawn a cell, the other cell of its module, and
+ *  whether a pin joins them */
 
 const VERTEX = `
 uniform mat4 projectionMatrix, modelViewMatrix;
-in vec3 position, tint;
-in vec4 seams;
+in vec3 position;
+in vec4 tint, seams;
 out vec3 colour;
+flat out float pinned;
 out vec2 place;
 flat out vec4 inner;
 void main() {
   // The corners of a face are vertices one after the other.
   int corner = gl_VertexID & 3;
   place = vec2(corner == 1 || corner == 2, corner > 1);
-  colour = tint;
+  colour = tint.rgb;
+  pinned = tint.a;
   inner = seams;
   gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
 }`;
@@ -26,6 +29,7 @@ precision highp float;
 in vec3 colour;
 in vec2 place;
 flat in vec4 inner;
+flat in float pinned;
 uniform float opacity;
 uniform vec3 edge;
 out vec4 pixel;
@@ -35,7 +39,10 @@ void main() {
   float middle = min(min(far.x, far.y), min(far.z, far.w));
   float width = max(fwidth(middle), 0.001);
   float line = 1.0 - smoothstep(0.035, 0.035 + 1.4 * width, middle);
-  pixel = vec4(mix(colour, edge, 0.75 * line), opacity);
+  // A pinned module has a rhomb on each face of its cells.
+  float out_of_centre = abs(place.x - 0.5) + abs(place.y - 0.5);
+  float rhomb = pinned * (1.0 - smoothstep(0.17, 0.17 + 1.4 * max(fwidth(out_of_centre), 0.001), out_of_centre));
+  pixel = vec4(mix(colour, edge, 0.75 * max(line, rhomb)), opacity);
 }`;
 
 /** How bright the faces along and against x, y and z are. */
@@ -82,13 +89,14 @@ export class Faces {
     this.reserve(seen.length / 2);
     const [position, seams, tint] = ["position", "seams", "tint"].map((name) => this.geometry.getAttribute(name));
     for (let i = 0; i < seen.length; i += 2) {
-      const [side, { key, colour, partner }] = [seen[i], seen[i + 1]];
+      const [side, { key, colour, partner, pinned }] = [seen[i], seen[i + 1]];
       const centre = cell(key);
       const axis = side >> 1, out = side & 1 ? -1 : 1;
       // Seen from outside, the corners of every face turn the same way.
       const u = (axis + (out > 0 ? 1 : 2)) % 3, v = (axis + (out > 0 ? 2 : 1)) % 3;
       const inner = [2 * u + 1, 2 * v + 1, 2 * u, 2 * v].map((to) => Number(partner === key + BESIDE[to]));
       const rgb = [colour.r, colour.g, colour.b].map((part) => Math.min(255, Math.round(255 * part * LIGHT[side])));
+      rgb.push(pinned ? 255 : 0);
       for (let corner = 0; corner < 4; corner++) {
         const n = 2 * i + corner;
         position.array[3 * n + axis] = centre[axis] + out * this.half;

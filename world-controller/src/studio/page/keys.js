@@ -23,12 +23,12 @@ export function bindings(page) {
   add("cursor", "", ["PageDown"], "", step([0, 0, -1]));
   add("drawing", "Enter", ["Enter"], "a cube at the cursor, or none if there is one", () => {
     const c = structure.cursor;
-    structure.has(c) ? structure.change([], [c]) : structure.change(page.tools.tool === "module" ? [c, [c[0], c[1], c[2] + 1]] : [c]);
+    structure.has(c) ? structure.change([], [c]) : tools.put(c);
   });
   add("drawing", "Delete", ["Delete", "Backspace"], "the chosen cubes away, or the one at the cursor", () => (structure.selected.size ? tools.removeChosen() : structure.change([], [structure.cursor])));
   add("drawing", "B", ["b"], "begin a rectangle at the cursor; again: fill it", () => page.corner("add"));
   add("drawing", "L", ["l"], "begin a line at the cursor; again: draw it", () => page.corner("line"));
-  add("drawing", "1 … 6", ["1", "2", "3", "4", "5", "6"], "the tool of the pointer", (event) => page.setTool(Number(event.key) - 1));
+  add("drawing", "1 … 6, 0", ["1", "2", "3", "4", "5", "6", "0"], "the tool of the pointer", (event) => page.setTool((Number(event.key) + 6) % 7));
   add("drawing", "+ −", ["+", "="], "thicker, thinner lines and blocks", () => page.setThickness(1));
   add("drawing", "", ["-"], "", () => page.setThickness(-1));
   add("drawing", "X, Y", ["x"], "mirror across x, y: through cells, between cells, off", () => structure.nextMirror(0));
@@ -41,7 +41,8 @@ export function bindings(page) {
   add("selection", "T", ["t"], "turn by a quarter", () => tools.turnChosen());
   add("selection", "M, Shift M", ["m", "M"], "mirror along x, along y", (event) => tools.flipChosen(event.shiftKey ? 1 : 0));
   add("selection", "Escape", ["Escape"], "give up the selection or what is begun", () => page.escape());
-  add("modules", "R", ["r"], "take the first repair", () => page.repair(0));
+  add("modules", "K, Shift K", ["k", "K"], "pin the module at the cursor, or two chosen cubes, or no longer; with Shift: no pins", (event) => (event.shiftKey ? page.unpin(structure.pinList()) : tools.pin()));
+  add("modules", "R, Shift R", ["r", "R"], "take the first repair; with Shift: give up the pins that forbid it", (event) => (event.shiftKey ? page.unpin(page.panel.costly) : page.repair(0)));
   add("modules", "[ ]", ["["], "a module less, more of the order of building", () => page.setShown(-1));
   add("modules", "", ["]"], "", () => page.setShown(1));
   add("modules", "G", ["g"], "start the swarm that builds it", () => page.start());

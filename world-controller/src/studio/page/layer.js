@@ -28,7 +28,7 @@ export class Layer {
       const c = at(event);
       canvas.setPointerCapture(event.pointerId);
       // A click on a filled cell empties it, so that no tool has to be changed.
-      const filled = structure.has(c) && tools.tool !== "select";
+      const filled = structure.has(c) && !["select", "pin"].includes(tools.tool);
       tools.begin({ at: c, face: [0, 0, 1], onCube: false }, filled || event.altKey || event.button === 2);
     });
     canvas.addEventListener("pointermove", (event) => tools.stroke && canvas.hasPointerCapture(event.pointerId) && tools.go(at(event)));
@@ -99,7 +99,14 @@ export class Layer {
             const [dx, dy] = [other[0] - c[0], c[1] - other[1]];
             pen.fillRect(i * edge + 1 + Math.max(0, dx) * (edge - 2), j * edge + 1 + Math.max(0, dy) * (edge - 2), dx ? 2 * Math.abs(dx) : edge - 2, dy ? 2 * Math.abs(dy) : edge - 2);
           }
-          if (axis === 2) {
+          if (structure.pins.has(k)) {
+            // A pinned module has a rhomb on each cell.
+            const [x, y, r] = [(i + 0.5) * edge, (j + 0.5) * edge, edge * 0.26];
+            pen.fillStyle = of("edge");
+            pen.beginPath();
+            for (const [dx, dy] of [[0, -r], [r, 0], [0, r], [-r, 0]]) pen.lineTo(x + dx, y + dy);
+            pen.fill();
+          } else if (axis === 2) {
             pen.fillStyle = of("edge");
             pen.beginPath();
             pen.arc((i + 0.5) * edge, (j + 0.5) * edge, edge * 0.12, 0, 7);

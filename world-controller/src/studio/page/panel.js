@@ -27,6 +27,8 @@ export class Panel {
     this.page = page;
     this.get = (id) => document.getElementById(id);
     this.answer = null;
+    /** The pins that are to be given up so that more cubes have a partner. */
+    this.costly = [];
   }
 
   /** The drawing has changed, and the answer is about an older one. */
@@ -44,6 +46,7 @@ export class Panel {
     verdict.dataset.state = state;
     this.get("verdict-text").textContent = text;
     this.reasons(answer.reasons ?? []);
+    this.costly = answer.costly_pins ?? [];
     if (!quick) {
       this.repairs(answer.repairs ?? [], answer);
       this.families(answer.families);
@@ -60,6 +63,7 @@ export class Panel {
     if (answer.result === "empty") return ["none", "Draw a cube: click the floor, or press Enter."];
     if (answer.result !== "analysed") return ["bad", answer.why ?? "no answer"];
     const modules = many(answer.pairs.length, "module");
+    if (answer.d && !answer.d_without_pins) return ["bad", `${answer.costly_pins.length === 1 ? "A pin forbids" : `${answer.costly_pins.length} pins forbid`} it: ${many(answer.d, "cube")} left over`];
     if (answer.d) return ["bad", `${many(answer.d, "cube")} left over: ${answer.d === 1 ? "it has" : "they have"} no partner`];
     if (answer.parts > 1) return ["part", `${modules}, in ${answer.parts} parts that do not touch`];
     return ["good", `${modules}: every cube has a partner`];
@@ -69,7 +73,9 @@ export class Panel {
     const mark = (reason) => () => this.page.mark(reason ? { cells: reason.cells, near: reason.neighbours } : {});
     const row = (reason) => {
       const [n, m] = [reason.cells.length, reason.neighbours.length];
-      const text = m === 0 ? "This cube touches no other" : `These ${n} cubes touch only ${m === 1 ? "this one" : `these ${m}`}`;
+      const held = reason.pins?.length ?? 0;
+      const free = held ? " that are not pinned" : "";
+      const text = m === 0 ? (held ? "This cube touches only pinned ones" : "This cube touches no other") : `These ${n} cubes touch only ${m === 1 ? "this one" : `these ${m}`}${m === 1 && held ? " that is not pinned" : free}`;
       const over = `${n - m} ${n - m === 1 ? "stays" : "stay"} over`;
       const about = m === 0 ? "" : m === 1 ? `, which can take one of them, so ${over}` : `; each of these can take one, so ${over}`;
       const button = make("button", { type: "button", className: "reason", onmouseenter: mark(reason), onfocus: mark(reason), onmouseleave: mark(null), onblur: mark(null) }, text + about + ".");
@@ -85,9 +91,18 @@ export class Panel {
     this.list = repairs;
     const row = (repair, i) =>
       make("button", { type: "button", className: i ? "repair" : "repair first", onclick: () => this.page.repair(i), onmouseenter: ghost(repair), onfocus: ghost(repair), onmouseleave: ghost(null), onblur: ghost(null), title: `cost ${repair.cost}${repair.cheapest === "proven" ? ", the least" : ""}${i ? "" : " (R)"}` }, repairText(repair));
+    const pins = this.costly.length ? [this.giveUp(answer)] : [];
     const note = answer.complete === false ? [make("p", { className: "soft" }, "The search was ended after 2 s; there may be more.")] : [];
-    this.get("repairs").replaceChildren(...repairs.map(row), ...note);
-    this.get("repair-section").hidden = !repairs.length && !note.length;
+    this.get("repairs").replaceChildren(...repairs.map(row), ...pins, ...note);
+    this.get("repair-section").hidden = !repairs.length && !pins.length && !note.length;
+  }
+
+  /** The button that gives up the pins that cost modules. */
+  giveUp(answer) {
+    const { costly, page } = this;
+    const show = (near) => () => page.mark({ near });
+    const left = answer.d_without_pins ? `, ${many(answer.d_without_pins, "cube")} stay over` : "";
+    return make("button", { type: "button", id: "give-up", className: "repair", onclick: () => page.unpin(costly), onmouseenter: show(costly.flat()), onfocus: show(costly.flat()), onmouseleave: show([]), onblur: show([]), title: "the marked modules may be others then (Shift R)" }, `give up ${many(costly.length, "pin")}${left}`);
   }
 
   /** Which families can build it. */
@@ -108,7 +123,8 @@ export class Panel {
     const b = structure.bounds();
     const size = b ? b.low.map((v, i) => ((b.high[i] - v + 1) * EDGE) / 10).join(" × ") : "0";
     const modules = this.answer?.pairs?.length ?? 0;
-    const facts = [["cubes", n.toLocaleString("en")], ["modules", stock ? `${modules} of ${stock}` : modules.toLocaleString("en")], ["size", `${size} cm`], ["mass", `${(modules * MASS).toFixed(1)} kg`]];
+    const pins = structure.pins.size / 2;
+    const facts = [["cubes", n.toLocaleString("en")], ["modules", stock ? `${modules} of ${stock}` : modules.toLocaleString("en")], ["size", `${size} cm`], ["mass", `${(modules * MASS).toFixed(1)} kg`], ...(pins ? [["pins", pins.toLocaleString("en")]] : [])];
     this.get("numbers").replaceChildren(...facts.map(([term, text]) => make("div", {}, make("dt", {}, term), make("dd", {}, text))));
     this.get("stock").hidden = !stock || modules <= stock;
     this.get("stock").textContent = stock ? `${many(modules - stock, "module")} too few` : "";

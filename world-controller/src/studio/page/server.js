@@ -39,10 +39,13 @@ export class Analyst {
     this.base = null;
     /** @type {Map<number, boolean>} */
     this.since = new Map();
+    /** Whether pins have changed since. */
+    this.repinned = false;
     this.answered = { revision: 0, all: true };
     this.busy = false;
     structure.addEventListener("change", (event) => {
-      const { add, remove } = /** @type {CustomEvent} */ (event).detail;
+      const { add, remove, pins } = /** @type {CustomEvent} */ (event).detail;
+      this.repinned ||= pins;
       for (const k of remove) this.since.set(k, false);
       for (const k of add) this.since.set(k, true);
       this.revision += 1;
@@ -68,7 +71,9 @@ export class Analyst {
       this.since = new Map();
       const changed = (filled) => [...since].filter(([, now]) => now === filled).map(([k]) => cell(k));
       const [add, remove] = this.base === null ? [this.structure.list(), []] : [changed(true), changed(false)];
-      const answer = await this.server.post("analyse", { session: this.session, revision, base: this.base, add, remove, all });
+      const pins = this.base === null || this.repinned ? this.structure.pinList() : null;
+      this.repinned = false;
+      const answer = await this.server.post("analyse", { session: this.session, revision, base: this.base, add, remove, pins, all });
       if (answer.result === "gone") break;
       if (answer.result === "stale") {
         this.base = null;

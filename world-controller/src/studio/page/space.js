@@ -1,7 +1,7 @@
 // The drawing in space: cubes, modules, ghosts, cursor, mirrors, and what the pointer points at.
 
 import * as three from "./vendor/three.js";
-import { BESIDE, firstOn, key, outside, plus } from "./cells.js";
+import { BESIDE, cell, firstOn, key, outside, plus } from "./cells.js";
 import { Faces } from "./faces.js";
 
 /** @typedef {import("./cells.js").Cell} Cell */
@@ -151,6 +151,12 @@ export class Space {
     this.redraw();
   }
 
+  /** The other cell of the module of a cell, as far as is known. @param {Cell} c @returns {Cell | null} */
+  partnerOf(c) {
+    const other = this.partner.get(key(c));
+    return other === undefined ? null : cell(other);
+  }
+
   redraw() {
     this.stale = true;
     this.ask();
@@ -189,7 +195,7 @@ export class Space {
   rebuild() {
     const { cells } = this.structure;
     this.open ??= outside(cells);
-    const plain = [...this.open].map((k) => ({ key: k, colour: this.colourOf(k) ?? this.colours.cube }));
+    const plain = [...this.open].map((k) => ({ key: k, pinned: this.structure.pins.has(k), colour: this.colourOf(k) ?? this.colours.cube }));
     if (this.mode !== "modules") this.cubes.fill(plain, cells);
     if (this.mode !== "cubes") this.fillModules();
     const ghosts = /** @type {[Cell[], any][]} */ ([[this.marks.add, this.colours.add], [this.marks.remove, this.colours.remove]]);
@@ -210,7 +216,7 @@ export class Space {
       // A pair that has lost a cell since it was computed, and a cell without a pair, are drawn as cubes.
       const partner = this.partner.get(k);
       if (partner === undefined || !filled.has(partner)) return { key: k, colour: this.colourOf(k) ?? this.colours.cube };
-      return { key: k, partner, colour: this.colourOf(k) ?? this.colourOf(partner) ?? along[axisOf(k, partner)] };
+      return { key: k, partner, pinned: this.structure.pins.get(k) === partner, colour: this.colourOf(k) ?? this.colourOf(partner) ?? along[axisOf(k, partner)] };
     });
     this.modules.fill(drawn, filled);
   }

@@ -1,6 +1,6 @@
 // The studio: puts the drawing, its pictures, the tools, the server's answers and the run together.
 
-import { buildOrder, key, settled } from "./cells.js";
+import { buildOrder, key, plus, settled } from "./cells.js";
 import { EXAMPLES, picture } from "./examples.js";
 import { bindings, listen } from "./keys.js";
 import { Layer } from "./layer.js";
@@ -24,6 +24,7 @@ class Studio {
     this.space = new Space($("space"), this.structure);
     this.layer = new Layer($("layer"), this.structure, this.tools);
     this.panel = new Panel(this);
+    this.tools.partner = (c) => this.structure.pinnedTo(c) ?? this.space.partnerOf(c);
     this.stock = null;
     this.going = false;
     /** The timer that ends a wait, and how many waits have begun since something was drawn. */
@@ -55,7 +56,7 @@ class Studio {
     this.stock = first.modules;
     this.directory(first.directory);
     if (first.opened.length) {
-      for (const drawing of first.opened) this.remember(settled(drawing.cells), drawing.name);
+      for (const drawing of first.opened) this.remember({ ...settled(drawing), name: drawing.name });
       this.opened(first.opened[0]);
     } else this.welcome();
     document.body.dataset.state = "ready";
@@ -194,7 +195,8 @@ class Studio {
     }
     const stroke = { hit: { at, face: [0, 0, 1], onCube: false }, from: this.begun.from, to: at, tool };
     this.begun = null;
-    this.structure.change(this.tools.effect(stroke).add);
+    const { add, pin } = this.tools.effect(stroke);
+    this.structure.change(add, [], false, pin);
     this.look();
   }
   escape() {
@@ -202,6 +204,10 @@ class Studio {
     this.tools.cancel();
     if (!$("welcome").hidden) this.close();
     this.tools.choose([]);
+  }
+  /** Gives up pins, as one step. @param {[import("./cells.js").Cell, import("./cells.js").Cell][]} pins */
+  unpin(pins) {
+    this.structure.change([], [], true, [], pins);
   }
   /** Takes a repair, as one step. */
   repair(i) {
@@ -245,7 +251,8 @@ class Studio {
       }
       if (down.size || event.pointerType === "touch") return;
       const hit = this.space.pick(event.clientX, event.clientY);
-      const at = hit && ["add", "line", "box", "module"].includes(this.tools.tool) && !event.altKey ? [hit.at] : null;
+      const draws = ["add", "line", "box", "module"].includes(this.tools.tool) && !event.altKey;
+      const at = hit && draws ? [hit.at, ...(this.tools.tool === "module" ? [plus(hit.at, hit.face)] : [])] : null;
       if (String(at) === String(this.hover)) return;
       this.hover = at;
       this.look();
@@ -266,7 +273,7 @@ class Studio {
   buttons() {
     const { structure, tools, space } = this;
     const icons = {
-      add: "M8 3v10M3 8h10", remove: "M3 8h10", module: "M2 6h12v5H2zM8 6v5", line: "M2 13h3v-4h4V6h4V3", box: "M3 5l5-3 5 3v6l-5 3-5-3zM3 5l5 3 5-3M8 8v6", select: "M3 3h2m2 0h2m2 0h2v2m0 2v2m0 2v2h-2m-2 0H7m-2 0H3v-2m0-2V7m0-2V3",
+      add: "M8 3v10M3 8h10", remove: "M3 8h10", module: "M2 6h12v5H2zM8 6v5", line: "M2 13h3v-4h4V6h4V3", box: "M3 5l5-3 5 3v6l-5 3-5-3zM3 5l5 3 5-3M8 8v6", select: "M3 3h2m2 0h2m2 0h2v2m0 2v2m0 2v2h-2m-2 0H7m-2 0H3v-2m0-2V7m0-2V3", pin: "M2 5h12v6H2zM5 6l2 2-2 2-2-2zM11 6l2 2-2 2-2-2z",
     };
     const icon = (path) => {
       const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
@@ -328,9 +335,10 @@ class Studio {
     $("welcome").hidden = true;
     $("space").focus();
   }
-  opened({ name, cells, note }) {
-    if (this.structure.cells.size) this.remember(this.structure.list(), this.structure.name);
-    this.structure.open(settled(cells), name);
+  opened({ name, cells, pins, note }) {
+    if (this.structure.cells.size) this.remember();
+    const drawing = settled({ cells, pins });
+    this.structure.open(drawing.cells, name, drawing.pins);
     $("name").value = name;
     this.close();
     this.space.preset("iso");
@@ -350,7 +358,7 @@ class Studio {
   directory(names) {
     this.hasDirectory = names !== null && names !== undefined;
     const row = (name) => make("li", {}, make("button", { type: "button", className: "link", onclick: async () => this.take(await this.server.post("open", { name })) }, name));
-    $("files").replaceChildren(...(names ?? []).filter((n) => /\.(toml|stl|obj|xml)$/i.test(n)).map(row));
+    $("files").replaceChildren(...(names ?? []).filter((n) => /\.(toml|stl|obj|xml|vox)$/i.test(n)).map(row));
   }
   fileName() {
     return this.structure.name.replace(/[^A-Za-z0-9_-]+/g, "-").replace(/^-+/, "") || "drawing";
@@ -361,19 +369,25 @@ class Studio {
     URL.revokeObjectURL(link.href);
   }
   async save(replace = false) {
-    const [name, cells] = [`${this.fileName()}.toml`, this.structure.list()];
-    this.remember(cells, this.structure.name);
-    if (!this.hasDirectory) return this.download(name, `version = 1\nname = ${JSON.stringify(this.structure.name)}\ncells = ${JSON.stringify(cells)}\n`);
-    const answer = await this.server.post("save", { name, cells, replace });
+    const name = `${this.fileName()}.toml`;
+    const { cells, pins } = this.drawing();
+    this.remember();
+    const pinned = pins.length ? `pins = ${JSON.stringify(pins)}\n` : "";
+    if (!this.hasDirectory) return this.download(name, `version = 1\nname = ${JSON.stringify(this.structure.name)}\ncells = ${JSON.stringify(cells)}\n${pinned}`);
+    const answer = await this.server.post("save", { name, cells, pins, replace });
     if (answer.result === "done") this.directory(answer.directory);
     else if (!replace && /already/.test(answer.why) && confirm(`${name} is there already. Replace it?`)) return this.save(true);
     else return this.note(answer.why);
     $("hint").textContent = `${name} is saved`;
   }
-  remember(cells, name) {
+  /** The drawing, as it is kept and sent. */
+  drawing() {
+    return { name: this.structure.name, cells: this.structure.list(), pins: this.structure.pinList() };
+  }
+  remember({ name, cells, pins } = this.drawing()) {
     if (!cells.length || cells.length > KEPT) return;
     const all = this.recent().filter((d) => d.name !== name);
-    localStorage.setItem("recent", JSON.stringify([{ name, cells }, ...all].slice(0, RECENT)));
+    localStorage.setItem("recent", JSON.stringify([{ name, cells, pins }, ...all].slice(0, RECENT)));
     this.listRecent();
   }
   recent() {
@@ -391,7 +405,7 @@ class Studio {
   // The run.
 
   request() {
-    return { name: this.fileName(), cells: this.structure.list(), family: $("family").value, link: $("link").value };
+    return { ...this.drawing(), name: this.fileName(), family: $("family").value, link: $("link").value };
   }
   async downloadScenario() {
     const answer = await this.server.post("start", { ...this.request(), only_scenario: true });
@@ -401,7 +415,7 @@ class Studio {
   async start() {
     if ($("start").disabled || !this.analyst.settled) return;
     $("start").disabled = true;
-    this.remember(this.structure.list(), this.structure.name);
+    this.remember();
     const answer = await this.server.post("start", this.request());
     if (answer.result === "done") return this.showRun({ run: answer.run });
     $("start").disabled = false;
