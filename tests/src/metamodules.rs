@@ -282,6 +282,7 @@ impl Assembly {
             hands_over: true,
             round_trip: Span::ZERO,
             operator: None,
+            level: Default::default(),
         };
         let director = MetamoduleDirector::new(Arc::clone(&self.setup), self.start.len(), plan);
         let config = SimConfig {

@@ -309,11 +309,66 @@ fn changes(report: &Report) -> Vec<String> {
     serde_json::from_value(report["metamodules"]["goal_changes"].clone()).unwrap_or_default()
 }
 
+/// A command that the level does not permit is refused and names the levels that do; metamodules that may not decide for
+/// themselves stay where they are unless they are commanded.
+#[test]
+fn levels_of_autonomy_permit_commands_and_hold_metamodules() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |kind: &str, level: &str, commands: &str| {
+        let text = format!(
+            "version = 1\n[swarm]\nfamily = \"metamodule\"\nkind = \"SRS\"\nfloor = {{ min = [0, 0], max = [14, 14] }}\n\
+             turn_time = \"1s\"\n[[goal]]\nshape = {{ chair = [5, 5] }}\norder = \"circular\"\n\
+             [protocol]\nstrategy = \"negotiated\"\n[stop]\nstall = \"600s\"\n\
+             [operator]\nkind = \"{kind}\"\nlevel = \"{level}\"\n{commands}"
+        );
+        let file = directory.path().join("levels.toml");
+        fs::write(&file, text).unwrap();
+        report(&run(&["run", file.to_str().unwrap(), "--link", "sim", "--json", "-", "--quiet"]).out)
+    };
+    let given = "[[command]]\nat = \"5s\"\ndo = [\"goto 0 [1, 1, 0]\", \"goal.move [1, 0]\", \"release 0\", \"pause 1\"]\n\
+                 [[command]]\nat = \"6s\"\ndo = [\"resume 1\"]\n";
+    let alone = at("person", "shared", "");
+    for (level, refused, needs) in [
+        ("shared", [false, false, false], ""),
+        ("full", [true, false, true], "needs `teleoperation` or `safe` or `shared`"),
+        ("safe", [false, true, false], "needs `shared` or `full`"),
+        ("teleoperation", [false, true, true], "needs `shared` or `full`"),
+    ] {
+        let commanded = at("person", level, given);
+        let effects: Vec<&str> = commanded.faults.iter().map(|fault| fault.effect.as_str()).collect();
+        for (effect, is_refused) in effects.iter().zip(refused) {
+            assert_eq!(effect.contains("refused: level: "), is_refused, "{level}: {effects:?}");
+        }
+        let own = format!("[operator] has `level = \"{level}\"`; this command {needs}");
+        assert!(needs.is_empty() || effects.iter().any(|effect| effect.contains(&own)), "{effects:?}");
+        assert!(!effects[3].contains("refused") && commanded.invariants.broken == 0, "{effects:?}");
+    }
+    // Left to themselves they build at two levels, and stay where they are at the others.
+    assert_eq!((alone.outcome.as_str(), alone.invariants.broken), ("built", 0));
+    assert_eq!(at("person", "full", "").trace_hash, alone.trace_hash);
+    for level in ["safe", "teleoperation"] {
+        let held = at("person", level, "");
+        assert_eq!((held.outcome.as_str(), held.moves, held.goal.filled), ("deadlock", 0, 0), "{level}");
+        // One goes where it is commanded, and stays there when the lease has ended.
+        let led = at("person", level, "[[command]]\nat = \"5s\"\ndo = [\"take 0 0 for 300s\"]\n");
+        assert_eq!((led.goal.filled, led.invariants.broken), (1, 0), "{level}");
+        // The scripted operator leads all of them.
+        let built = at("scripted", level, "");
+        assert_eq!((built.outcome.as_str(), built.invariants.broken), ("built", 0), "{level}");
+        let operator = built.operator.unwrap();
+        assert!(operator.commands >= 6 && operator.refused == 0 && operator.level == level, "{operator:?}");
+    }
+    // One that is released decides for itself.
+    let released = at("person", "safe", "[[command]]\nat = \"5s\"\ndo = [\"release 0\"]\n");
+    assert!(released.goal.filled == 1 && released.moves > 0, "{}", released.goal.filled);
+}
+
 #[test]
 fn tables_of_operators_are_checked() {
     let text = fs::read_to_string(scenario("chair.toml")).unwrap();
     let cases = [
-        ("kind = \"person\"", "person"),
+        ("kind = \"robot\"", "robot"),
+        ("kind = \"person\"\nlook = \"1s\"", "`look` of a person"),
         ("look = \"0s\"", "look"),
         ("lease = \"601s\"", "lease"),
         ("level = \"some\"", "some"),
@@ -328,9 +383,5 @@ fn tables_of_operators_are_checked() {
         metamorph_tests::command::refused(&text, &["check", "{}"], &[part]);
     }
     let cubes = fs::read_to_string(scenario("swarm.toml")).unwrap() + "\n[operator]\nkind = \"scripted\"\n";
-    metamorph_tests::command::refused(
-        &cubes,
-        &["check", "{}"],
-        &["a scripted operator of the family `cube`"],
-    );
+    metamorph_tests::command::refused(&cubes, &["check", "{}"], &["an operator of the family `cube`"]);
 }

@@ -148,7 +148,6 @@ fn requests_of_a_swarm_are_shown_and_answered() {
     browser.press("r");
     browser.until("/^release \\d+: taken/.test(document.getElementById('answer').textContent)");
     browser.until("document.getElementById('requests').hidden");
-    browser.until("window.page.story.over");
     check_clean(&mut browser, &view);
     // A page that only looks shows the request of that time, without a way to answer it.
     browser.open(&view.address);

@@ -47,26 +47,41 @@ pub trait Scene {
     fn remedy(&self, id: ModuleId, level: Level, lease: Span, rng: &mut Rng) -> Vec<Fault>;
 }
 
-/// What an operator may command.
+/// How much modules decide for themselves (thesis E.4.1), and with it what an operator may command.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Level {
-    /// The goal, and nothing of single modules.
+    /// They decide everything; the goal is commanded, and nothing of single modules.
     Full,
-    /// Also where modules go, which places they take, and restarts.
+    /// They decide what they are not commanded: also where they go, which places they take, and restarts.
     #[default]
     Shared,
+    /// They stay where they are unless they are commanded to move, or released to decide for themselves.
+    Safe,
+    /// As `Safe`, and none is released.
+    Teleoperation,
 }
 
 impl Level {
     /// All levels, with their names.
-    pub const ALL: [(&'static str, Level); 2] = [("full", Level::Full), ("shared", Level::Shared)];
+    pub const ALL: [(&'static str, Level); 4] = [
+        ("full", Level::Full),
+        ("shared", Level::Shared),
+        ("safe", Level::Safe),
+        ("teleoperation", Level::Teleoperation),
+    ];
 
     /// The name in scenarios and reports.
     pub const fn name(self) -> &'static str {
         match self {
             Level::Full => "full",
             Level::Shared => "shared",
+            Level::Safe => "safe",
+            Level::Teleoperation => "teleoperation",
         }
+    }
+    /// Returns true if modules stay where they are unless they are commanded to move.
+    pub const fn holds_idle(self) -> bool {
+        matches!(self, Level::Safe | Level::Teleoperation)
     }
 }
 

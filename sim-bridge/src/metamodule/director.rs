@@ -9,7 +9,7 @@ mod plan_execution;
 
 use crate::director::fault_injector::FaultInjector;
 use crate::director::faults::{Fault, FaultRecord, Schedule};
-use crate::director::operator::{Habits, Operator};
+use crate::director::operator::{Habits, Level, Operator};
 use crate::director::outcome::{Outcome, Stall};
 use crate::director::port::DirectorPort;
 use crate::director::progress::{Progress, Stage, Stop};
@@ -66,6 +66,8 @@ pub struct MetamodulePlan {
     pub round_trip: Span,
     /// The scripted operator, with the seed of what it draws.
     pub operator: Option<(Habits, u64)>,
+    /// How much metamodules decide for themselves.
+    pub level: Level,
 }
 
 /// A change of the goal while it is built.
@@ -131,6 +133,11 @@ pub struct MetamoduleDirector {
     operator: Option<Operator>,
     /// What metamodules were commanded last.
     leases: BTreeMap<ModuleId, Commanded>,
+    /// How much metamodules decide for themselves. If they hold when they are commanded nothing: those that have been told to,
+    /// and those that an operator has released from that.
+    level: Level,
+    held: BTreeSet<ModuleId>,
+    released: BTreeSet<ModuleId>,
     /// The parameters that a command has changed.
     tuned: Option<Tuning>,
 }
@@ -178,6 +185,9 @@ impl MetamoduleDirector {
             detected: None,
             alarms: 0,
             leases: BTreeMap::new(),
+            level: plan.level,
+            held: BTreeSet::new(),
+            released: BTreeSet::new(),
             tuned: None,
             operator: plan.operator.map(|(habits, seed)| Operator::new(habits, 1, seed)),
             execution: is_planned.then(|| PlanExecution::new(plan.hands_over, plan.round_trip)),
@@ -386,6 +396,8 @@ impl MetamoduleDirector {
         self.task = Task { epoch: self.task.epoch.saturating_add(1), ..task };
         self.filled = SeedSet::default();
         self.elsewhere = None;
+        // Those that filled a seed took no command.
+        self.held.clear();
         (self.last_fill, self.last_action) = (now, now);
         self.disturb();
         let order = self.seeds();
@@ -531,6 +543,7 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
     fn died(&mut self, _now: Time, id: ModuleId) {
         self.faults.died(id);
         self.known[id.index()].alive = false;
+        self.forget_commands(id);
         self.detected = self.detected.filter(|(_, by)| *by != id);
         self.dead.insert(id);
         self.untold.insert(id);
@@ -550,6 +563,7 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
         );
         self.prevented_before += before.status.map_or(0, |s| u64::from(s.prevented));
         self.untold.remove(&id);
+        self.forget_commands(id);
         self.trials.forget();
         self.disturb();
         if self.dead.remove(&id) {
@@ -581,6 +595,7 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
             self.changes.pop_front();
             self.begin(now, Task { goal, ..Task::default() });
         }
+        self.hold_idle(now);
         self.tell_deaths(now, world);
         self.watch(now, world);
         if self.outcome.is_none() && self.untold.is_empty() {
@@ -608,7 +623,8 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
         let change = self.changes.front().map_or(Time::NEVER, |(at, _)| *at);
         let operator = self.operator.as_ref().map_or(Time::NEVER, Operator::wake_at);
         let plan = self.execution.as_ref().map_or(Time::NEVER, PlanExecution::ready_at);
-        self.faults.next_at().min(change).min(self.next_check).min(self.stop.timeout).min(plan).min(operator)
+        let due = self.faults.next_at().min(change).min(self.next_check).min(self.stop.timeout);
+        due.min(plan).min(operator).min(self.next_idle())
     }
 
     fn poll(&mut self) -> Option<Command<Order>> {

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 pub struct OperatorReport {
     /// `scripted`.
     pub kind: String,
-    /// What was commanded: `full`, the goal only; `shared`, modules too.
+    /// What was commanded: `full`, the goal only; `shared`, modules too; `safe`, `teleoperation`, modules only.
     pub level: String,
     /// A swarm without progress for this long counts as stuck (s).
     pub window_s: f64,

@@ -167,7 +167,7 @@ pub struct Plan {
     pub schedule: Schedule,
     /// The end conditions of the run.
     pub stop: Stop,
-    /// The scripted operator, if there is one.
+    /// The operator, if the scenario names one.
     pub operator: Option<OperatorPlan>,
     /// True if messages are lost so often that the default bound for a deadlock may be too short.
     pub is_beyond: bool,

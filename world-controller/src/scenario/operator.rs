@@ -1,4 +1,4 @@
-//! `[operator]`: the scripted operator of a run.
+//! `[operator]`: the operator of a run, scripted or a person, and how much modules decide for themselves.
 
 use super::diagnostics::{At, Diagnostics, Place};
 use super::error::{LONGEST, ScenarioError};
@@ -9,14 +9,15 @@ use metamorph_sim_bridge::director::operator::{Choice, Habits, Level};
 use metamorph_sim_bridge::director::steering::LONGEST_LEASE;
 use serde_json::json;
 
-/// The kinds of operators that a scenario can have. People come by the page.
-const KINDS: [(&str, ()); 1] = [("scripted", ())];
+/// The kinds of operators, and whether one is scripted. People come by the page, so that a scenario has only their level.
+const KINDS: [(&str, bool); 2] = [("scripted", true), ("person", false)];
 
 /// `[operator]` as written.
 #[derive(Clone, Debug)]
 pub struct RawOperator {
     /// Its place.
     pub place: Place,
+    is_scripted: bool,
     look: Option<At<Span>>,
     notice: Option<At<Delay>>,
     think: Option<At<Delay>>,
@@ -30,6 +31,7 @@ pub struct RawOperator {
 /// A checked `[operator]`. What depends on the family is open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OperatorPlan {
+    is_scripted: bool,
     habits: Habits,
     window: Option<Span>,
     lease: Option<Span>,
@@ -39,9 +41,10 @@ impl RawOperator {
     /// Reads the table.
     pub fn read(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<RawOperator> {
         let mut section = Section::of(node, "[operator]", "kind = \"scripted\"", diagnostics)?;
-        section.choice("kind", "kind of operator", &KINDS, diagnostics);
+        let kind = section.choice("kind", "kind of operator", &KINDS, diagnostics);
         let raw = RawOperator {
             place: node.span().into(),
+            is_scripted: kind.unwrap_or(true),
             look: section.get("look", diagnostics),
             notice: section.get("notice", diagnostics),
             think: section.get("think", diagnostics),
@@ -57,6 +60,14 @@ impl RawOperator {
 
     /// Checks the values.
     pub fn compile(&self, diagnostics: &mut Diagnostics) -> OperatorPlan {
+        let spans = [("look", &self.look), ("window", &self.window), ("lease", &self.lease)];
+        let delays = [("notice", &self.notice), ("think", &self.think), ("act", &self.act)];
+        let given = spans.iter().filter_map(|(key, at)| Some((key, &at.as_ref()?.place)));
+        let given = given.chain(delays.iter().filter_map(|(key, at)| Some((key, &at.as_ref()?.place))));
+        for (key, place) in given.filter(|_| !self.is_scripted) {
+            let (what, instead) = (format!("`{key}` of a person"), "remove it; a person has only a `level`");
+            diagnostics.add(place.clone(), ScenarioError::NotYet { what, instead });
+        }
         let mut check = |place: &Place, what, value: Span, low: Span, high: Span| {
             if !(low..=high).contains(&value) {
                 let (got, low, high) = (value.to_string(), low.to_string(), high.to_string());
@@ -84,16 +95,29 @@ impl RawOperator {
             ..usual
         };
         let span = |span: &Option<At<Span>>| span.as_ref().map(|at| at.value);
-        OperatorPlan { habits, window: span(&self.window), lease: span(&self.lease) }
+        OperatorPlan {
+            is_scripted: self.is_scripted,
+            habits,
+            window: span(&self.window),
+            lease: span(&self.lease),
+        }
     }
 }
 
 impl OperatorPlan {
-    /// Returns the habits of the operator of a swarm in which `window` is the usual time of three moves.
-    pub fn habits(&self, window: Span) -> Habits {
+    /// Returns how much modules decide for themselves.
+    pub fn level(&self) -> Level {
+        self.habits.level
+    }
+    /// Returns the habits of the scripted operator of a swarm in which `window` is the usual time of three moves; `None` if
+    /// the operator is a person.
+    pub fn habits(&self, window: Span) -> Option<Habits> {
+        if !self.is_scripted {
+            return None;
+        }
         let window = self.window.unwrap_or(window);
         let lease = self.lease.unwrap_or(window * 2).min(LONGEST_LEASE);
-        Habits { window, lease, ..self.habits }
+        Some(Habits { window, lease, ..self.habits })
     }
 }
 
@@ -102,18 +126,28 @@ pub fn schema() -> Definitions {
     let choices = names(&Choice::ALL.map(|(name, _)| name));
     let levels = names(&Level::ALL.map(|(name, _)| name));
     let keys = json!({
-        "kind": or("scripted", names(&KINDS.map(|(name, ())| name))),
+        "kind": or("scripted", names(&KINDS.map(|(name, _)| name))),
         "look": said("The time between two looks.", or("1s", of("time"))),
         "notice": said("The time between seeing and noticing.", or("0.5s..2s", of("delay"))),
         "think": said("The time to think about one case.", or("1s..4s", of("delay"))),
         "act": said("The time to give one command.", or("0.5s..1.5s", of("delay"))),
         "choice": said("Which of several stuck metamodules is helped first.", or("longest-stuck", choices)),
-        "level": said("What is commanded: the goal only (`full`), or metamodules too.", or("shared", levels)),
+        "level": said(
+            "How much metamodules decide for themselves: all but the goal (`full`), what they are not commanded (`shared`), only what they are released to (`safe`), or nothing (`teleoperation`).",
+            or("shared", levels),
+        ),
         "window": said(
             "A swarm without progress for this long is stuck. Default: three times the patience of metamodules.",
             of("time"),
         ),
         "lease": said("How long commands hold. Default: twice the window, at most 600s.", of("time")),
     });
-    vec![("operator", table("A scripted operator, who helps a swarm that is stuck.", &[], keys))]
+    vec![(
+        "operator",
+        table(
+            "A scripted operator, who helps a swarm that is stuck, or the level of a person's commands.",
+            &[],
+            keys,
+        ),
+    )]
 }

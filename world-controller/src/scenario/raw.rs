@@ -91,7 +91,7 @@ pub struct Raw {
     pub faults: Vec<RawFault>,
     /// The commands of operators.
     pub commands: Vec<RawCommands>,
-    /// The scripted operator.
+    /// The operator.
     pub operator: Option<RawOperator>,
     /// The time-out of the run.
     pub timeout: Option<At<Span>>,
@@ -165,7 +165,7 @@ impl Raw {
             raw.operator = RawOperator::read(node, diagnostics);
             let place = raw.operator.iter().find(|_| !family.is_operated()).map(|raw| raw.place.clone());
             if let Some(place) = place {
-                let what = format!("a scripted operator of the family `{}`", family.name());
+                let what = format!("an operator of the family `{}`", family.name());
                 let instead = "remove [operator], and give commands by the page or in [[command]]";
                 diagnostics.add(place, ScenarioError::NotYet { what, instead });
             }

@@ -59,7 +59,7 @@ pub fn schema(families: Families) -> Value {
                 "Commands of operators to the run.",
                 or(json!([]), json!({ "type": "array", "items": of("command") })),
             ),
-            "operator": said("A scripted operator; if left out, none.", of("operator")),
+            "operator": said("A scripted operator, or how much modules decide for themselves; if left out, no operator.", of("operator")),
             "stop": or(json!({}), of("stop")),
         },
         "$defs": definitions(families),

@@ -2,9 +2,11 @@
 
 use super::{GoalChange, MetamoduleDirector};
 use crate::director::faults::{Fault, Target};
+use crate::director::operator::Level;
 use crate::director::steering::Steering as Wish;
 use crate::metamodule::faults::{
-    DROP, GOAL_DROPPED, GOAL_MOVED, GOAL_ORDERED, GOAL_SET, GOAL_TURNED, OBSTACLE, OBSTACLE_GONE, TUNED,
+    COMMANDS, DROP, GOAL_DROPPED, GOAL_MOVED, GOAL_ORDERED, GOAL_SET, GOAL_TURNED, OBSTACLE, OBSTACLE_GONE,
+    TUNED,
 };
 use crate::metamodule::world::MetamoduleWorld;
 use metamorph_protocol::ids::ModuleId;
@@ -114,8 +116,53 @@ impl MetamoduleDirector {
 
     fn command(&mut self, id: ModuleId, commanded: Commanded) {
         self.leases.insert(id, commanded);
+        self.held.remove(&id);
+        if commanded.steering == Steering::Release {
+            self.released.insert(id);
+        } else {
+            self.released.remove(&id);
+        }
         let Commanded { steering, until } = commanded;
         self.commands.push_back(Command::Order(id, Order::Steer { steering, until }));
+    }
+
+    /// Returns true if metamodules stay where they are unless they are commanded to move. Under `planned` the controller
+    /// moves them.
+    fn holds_idle(&self) -> bool {
+        self.level.holds_idle() && self.setup.params.strategy != Strategy::Planned
+    }
+    /// Tells those that are commanded nothing any more to stay, if that is their level.
+    pub(super) fn hold_idle(&mut self, now: Time) {
+        if !self.holds_idle() {
+            return;
+        }
+        for id in (0..self.known.len() as u32).map(ModuleId) {
+            let is_idle = self.holding(now, id).is_none_or(|commanded| self.is_in_vain(commanded));
+            let is_there = self.known[id.index()].alive && !self.released.contains(&id);
+            if is_there && is_idle && self.held.insert(id) {
+                let (steering, until) = (Steering::Hold, Time::NEVER);
+                self.commands.push_back(Command::Order(id, Order::Steer { steering, until }));
+            }
+        }
+    }
+    /// Returns true if the seed that is to be filled is filled: the metamodule then decides for itself.
+    fn is_in_vain(&self, commanded: Commanded) -> bool {
+        matches!(commanded.steering, Steering::Take(seed) if self.filled.has(seed))
+    }
+    /// Returns when the next metamodule is to be told to stay.
+    pub(super) fn next_idle(&self) -> Time {
+        let are_to_stay = self.holds_idle();
+        let own = |id: &ModuleId| are_to_stay && !self.held.contains(id) && !self.released.contains(id);
+        let ends = self.leases.iter().filter(|(id, _)| own(id)).map(|(_, commanded)| commanded.until);
+        ends.min().unwrap_or(Time::NEVER)
+    }
+    /// A process that has ended has forgotten what it was commanded.
+    pub(super) fn forget_commands(&mut self, id: ModuleId) {
+        self.held.remove(&id);
+        self.released.remove(&id);
+        if self.holds_idle() {
+            self.leases.remove(&id);
+        }
     }
 
     /// Returns what a metamodule is commanded at this time.
@@ -215,6 +262,12 @@ impl MetamoduleDirector {
     /// # Errors
     /// If there is one.
     pub(super) fn rule(&self, now: Time, fault: &Fault) -> Result<(), String> {
+        let allowing = levels_of(fault);
+        if !allowing.contains(&self.level) {
+            let names: Vec<String> = allowing.iter().map(|level| format!("`{}`", level.name())).collect();
+            let (own, names) = (self.level.name(), names.join(" or "));
+            return Err(format!("level: [operator] has `level = \"{own}\"`; this command needs {names}"));
+        }
         match *fault {
             Fault::Steer(id, Wish::Swap(other)) => self.rule_of_swap(now, id, other),
             Fault::Steer(id, steering) => self.rule_of_steering(id, steering),
@@ -315,6 +368,17 @@ impl MetamoduleDirector {
             return Err(format!("floor: the goal would leave the floor at {:?}; move it less", task.shift));
         }
         Ok(())
+    }
+}
+
+/// Returns the levels of autonomy at which a command is taken. Faults are of the experiment and no matter of levels.
+fn levels_of(fault: &Fault) -> &'static [Level] {
+    match fault {
+        Fault::Steer(_, Wish::Release) => &[Level::Safe, Level::Shared],
+        Fault::Steer(..) => &[Level::Teleoperation, Level::Safe, Level::Shared],
+        // What they build is their own affair only if they move by themselves.
+        Fault::World(kind, _) if COMMANDS.contains(kind) => &[Level::Shared, Level::Full],
+        _ => &[Level::Teleoperation, Level::Safe, Level::Shared, Level::Full],
     }
 }
 

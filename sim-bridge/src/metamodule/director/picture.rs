@@ -102,6 +102,13 @@ impl Scene for Picture<'_> {
         let dead = self.director.dead.iter().copied().find(|id| !self.director.known[id.index()].alive);
         match level {
             Level::Full => self.move_goal(rng).into_iter().collect(),
+            Level::Safe | Level::Teleoperation => match dead {
+                Some(dead) => vec![Fault::Restart(dead)],
+                None => (floor.take(lease))
+                    .or_else(|| floor.clear_way(lease))
+                    .or_else(|| floor.send_away(id, lease, rng))
+                    .unwrap_or_default(),
+            },
             Level::Shared => match dead {
                 Some(dead) => vec![Fault::Restart(dead)],
                 None => (floor.take(lease))

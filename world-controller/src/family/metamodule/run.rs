@@ -76,7 +76,8 @@ impl Runnable for Metamodules {
             hands_over: self.hands_over,
             operator: plan
                 .operator
-                .map(|operator| (operator.habits(self.setup.params.patience * 3), plan.seed)),
+                .and_then(|operator| Some((operator.habits(self.setup.params.patience * 3)?, plan.seed))),
+            level: plan.operator.map(|operator| operator.level()).unwrap_or_default(),
             round_trip: plan.link.controller.as_ref().map_or(Span::ZERO, |link| link.usual_longest() * 2),
         };
         MetamoduleDirector::new(Arc::clone(&self.setup), self.poses.len(), plan)
