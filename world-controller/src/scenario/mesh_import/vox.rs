@@ -42,7 +42,7 @@ struct Motion {
 pub fn cells(file: &str, bytes: &[u8]) -> Result<BTreeSet<Cell>, SolidError> {
     let counts = check(file, bytes)?;
     let damaged = |why: &str| damaged(file, "a chunk".to_owned(), why);
-    let data = dot_vox::load_bytes(bytes).map_err(|why| damaged(why))?;
+    let data = dot_vox::load_bytes(bytes).map_err(&damaged)?;
     if data.models.len() != counts.models {
         return Err(damaged("a model has no size, or fewer voxels than it says"));
     }
@@ -379,7 +379,7 @@ mod tests {
             ),
             (
                 vec![size.clone(), voxels.clone(), transform(1, 0, 0, &[], &[])],
-                "byte 60: the nodes of the scene",
+                "byte 64: the nodes of the scene",
             ),
             (vec![size.clone(), voxels.clone(), layer(3, true)], "the layers of the scene"),
             (vec![size.clone(), voxels.clone(), chunk(b"nGRP", &numbers(&[0, 0, 9]))], "ends early"),
@@ -388,11 +388,9 @@ mod tests {
             assert!(error.contains(why), "{why}: {error}");
         }
         // Nested chunks, which the library would follow by recursion.
-        let mut deep = chunk(b"MAIN", &[]);
-        for _ in 0..100_000 {
-            deep = [&b"MAIN"[..], &numbers(&[0, deep.len() as u32]), &deep].concat();
-        }
-        let deep = [&b"VOX "[..], &numbers(&[150]), &deep].concat();
+        let nested = (0..=100_000).rev().map(|left| numbers(&[0, CHUNK as u32 * left]));
+        let nested = nested.flat_map(|lengths| [&b"MAIN"[..], &lengths].concat());
+        let deep = [&b"VOX "[..], &numbers(&[150]), &nested.collect::<Vec<u8>>()].concat();
         let error = cells("a.vox", &deep).unwrap_err().to_string();
         assert!(error.contains("byte 20: chunks within a chunk"), "{error}");
         let many = file(&vec![chunk(b"NOTE", &[]); MAX_VOX_CHUNKS + 1]);
