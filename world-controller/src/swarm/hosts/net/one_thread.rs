@@ -2,6 +2,7 @@
 //! (<https://github.com/eclipse-zenoh/zenoh/issues/2557>): of 38 daemons whose controller was killed one crashed. Its threads
 //! can only be chosen by an environment variable, before the first session.
 
+use crate::console::terminal::print_error;
 use std::env;
 use std::os::unix::process::CommandExt;
 use std::process::Command;
@@ -19,8 +20,8 @@ pub fn keep_zenoh_on_one_thread() {
     let (Some(name), Ok(program)) = (args.next(), env::current_exe()) else { return };
     if env::var_os(VARIABLE).is_none() {
         let error = Command::new(program).arg0(name).args(args).env(VARIABLE, THREADS).exec();
-        eprintln!(
-            "metamorph: zenoh runs on several threads, because the program cannot start itself: {error}"
-        );
+        print_error(&format!(
+            "note: zenoh has several threads, since the program cannot start itself: {error}"
+        ));
     }
 }
