@@ -140,6 +140,11 @@ pub fn controller_part(parts: &Path) -> PathBuf {
 pub fn agent_part(parts: &Path, id: ModuleId, incarnation: Incarnation) -> PathBuf {
     parts.join(format!("{id}.{incarnation}"))
 }
+/// Returns the module and the incarnation that a file is named after, as the parts of agents are.
+pub fn agent_of(name: &str) -> Option<(ModuleId, Incarnation)> {
+    let (id, incarnation) = name.split_once('.')?;
+    Some((ModuleId(id.parse().ok()?), Incarnation(incarnation.parse().ok()?)))
+}
 
 /// The end of the whole frames of a file, from which a writer can go on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

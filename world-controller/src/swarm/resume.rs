@@ -108,7 +108,7 @@ impl TakeoverLock {
     fn take(parts: &Path) -> Result<TakeoverLock, NotResumable> {
         let path = parts.join("takeover");
         let file = File::options().create(true).append(true).open(&path);
-        let file = file.map_err(|e| NotResumable::NotBegun(path.clone(), e))?;
+        let file = file.map_err(|e| RunDirError::Create(path.clone(), e))?;
         match flock(&file, FlockOperation::NonBlockingLockExclusive) {
             Ok(()) => Ok(TakeoverLock(file)),
             Err(_) => Err(NotResumable::Taken(path)),

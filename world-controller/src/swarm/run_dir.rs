@@ -15,8 +15,6 @@ use metamorph_module_agent::run_dir::controller_lease::is_resumable;
 use metamorph_module_agent::run_dir::counter_file;
 use metamorph_module_agent::run_dir::identity::Identity;
 use metamorph_module_agent::run_dir::run_name::{HOME, MARK, RunName};
-use metamorph_module_agent::transport::AgentKey;
-use metamorph_protocol::ids::{Incarnation, ModuleId};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{FlockOperation, flock};
 use rustix::process::{PidfdFlags, Signal, geteuid, pidfd_open, pidfd_send_signal};
@@ -229,13 +227,7 @@ fn is_read_by_another(root: &Path) -> bool {
     fs::read_link(page::path(root)).is_ok_and(|page| page.parent().is_some_and(is_locked))
 }
 
-/// Returns the agent that a file is named after: `ID.INCARNATION`.
-pub fn agent_of(name: &str) -> Option<AgentKey> {
-    let (id, incarnation) = name.split_once('.')?;
-    Some((ModuleId(id.parse().ok()?), Incarnation(incarnation.parse().ok()?)))
-}
-
-/// Iterates over the registered processes of agents, each with the name of its file (see [`agent_of`]).
+/// Iterates over the registered processes of agents, each with the name of its file: `ID.INCARNATION`.
 pub fn identities(root: &Path) -> impl Iterator<Item = (String, Identity)> {
     fs::read_dir(pid_directory(root)).into_iter().flatten().flatten().filter_map(|entry| {
         let text = fs::read_to_string(entry.path()).ok()?;

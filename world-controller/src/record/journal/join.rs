@@ -7,7 +7,7 @@
 //! run and missing or damaged parts are errors.
 
 use super::{Consumed, Damage, DamageKind, Event, JournalError, Record, RunHead, Who};
-use metamorph_module_agent::journal_file::{Head, Reader, agent_part, controller_part};
+use metamorph_module_agent::journal_file::{Head, Reader, agent_of, agent_part, controller_part};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
@@ -96,7 +96,8 @@ impl Join {
         let mut paths: Vec<PathBuf> = entries.flatten().map(|e| e.path()).collect();
         paths.sort();
         for path in paths {
-            let Some(whose) = named(&path) else { continue };
+            let name = path.file_name().and_then(|name| name.to_str());
+            let Some(whose) = name.and_then(agent_of) else { continue };
             let damage = |kind| Damage { path: path.clone(), at: 0, kind };
             let reader = match Reader::open(&path) {
                 Ok(reader) => reader,
@@ -299,10 +300,4 @@ impl Iterator for Join {
         self.over = !matches!(next, Some(Ok(_)));
         next
     }
-}
-
-/// Returns the module and incarnation that a part is named after.
-fn named(path: &Path) -> Option<(ModuleId, Incarnation)> {
-    let (id, incarnation) = path.file_name()?.to_str()?.split_once('.')?;
-    Some((ModuleId(id.parse().ok()?), Incarnation(incarnation.parse().ok()?)))
 }

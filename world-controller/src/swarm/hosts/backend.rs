@@ -245,9 +245,7 @@ impl Shared {
         host: HostId,
         (id, incarnation): AgentKey,
     ) -> Result<Option<AgentCounters>, String> {
-        let root = self
-            .root_of(host)
-            .ok_or_else(|| format!("{host} was lost, and the counts of its agents with it"))?;
+        let root = self.root_of(host).ok_or_else(|| counts_are_lost(host))?;
         CounterFile::read(root, id, incarnation).map_err(|e| e.to_string())
     }
 
@@ -444,6 +442,10 @@ pub struct HostsLauncher {
     found: Found,
 }
 
+fn counts_are_lost(host: HostId) -> String {
+    format!("{host} was lost, and the counts of its agents with it")
+}
+
 /// Returns the incarnation under which the controller of this generation keeps its own counts.
 fn own_incarnation(generation: u32) -> Incarnation {
     Incarnation(u16::try_from(generation).unwrap_or(u16::MAX))
@@ -509,9 +511,7 @@ impl Launcher for HostsLauncher {
         let shared = self.shared.borrow();
         match shared.home(agent) {
             HostId::CONTROLLER => match self.local.counters(agent) {
-                Ok(None) if shared.has_moved => {
-                    Err(format!("{} was lost, and the counts of its agents with it", HostId::CONTROLLER))
-                }
+                Ok(None) if shared.has_moved => Err(counts_are_lost(HostId::CONTROLLER)),
                 counters => counters,
             },
             home => {

@@ -1,8 +1,7 @@
 //! Parts of a journal that are written on another machine: a daemon sends what its agents have written, stretch by
 //! stretch, and the controller's host puts it into files of the same names. A host that is lost leaves torn parts.
 
-use crate::swarm::run_dir::agent_of;
-use metamorph_module_agent::journal_file::agent_part;
+use metamorph_module_agent::journal_file::{agent_of, agent_part};
 use metamorph_module_agent::transport::AgentKey;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -36,19 +35,15 @@ struct Part {
 }
 
 impl Part {
-    /// Reads the next stretch after `from`; `None` at the end of what has been written.
-    fn read(&mut self, directory: &Path, agent: AgentKey, from: u64) -> Option<Stretch> {
+    /// Reads the next stretch after `from`, by way of `bytes`; `None` at the end of what has been written.
+    fn read(&mut self, directory: &Path, agent: AgentKey, from: u64, bytes: &mut [u8]) -> Option<Stretch> {
         if self.file.is_none() {
             self.file = File::open(agent_part(directory, agent.0, agent.1)).ok();
         }
         let file = self.file.as_mut()?;
-        let mut bytes = vec![0; STRETCH];
-        match file.seek(SeekFrom::Start(from)).and_then(|_| file.read(&mut bytes)) {
+        match file.seek(SeekFrom::Start(from)).and_then(|_| file.read(bytes)) {
             Ok(0) => None,
-            Ok(read) => {
-                bytes.truncate(read);
-                Some(Stretch { agent, offset: from, bytes })
-            }
+            Ok(read) => Some(Stretch { agent, offset: from, bytes: bytes[..read].to_vec() }),
             Err(e) => {
                 tracing::warn!("the journal of module {} cannot be read: {e}", agent.0);
                 None
@@ -96,9 +91,9 @@ impl Written {
     /// Returns what an agent has written since the controller took over, also what has been sent already.
     pub fn since_takeover(&mut self, agent: AgentKey) -> Vec<Stretch> {
         let Some(part) = self.parts.get_mut(&agent) else { return Vec::new() };
-        let mut from = part.base;
+        let (mut from, mut bytes) = (part.base, vec![0; STRETCH]);
         std::iter::from_fn(|| {
-            let stretch = part.read(&self.directory, agent, from)?;
+            let stretch = part.read(&self.directory, agent, from, &mut bytes)?;
             from += stretch.bytes.len() as u64;
             Some(stretch)
         })
@@ -107,8 +102,9 @@ impl Written {
 
     /// Hands the stretches that have been written to `send` until it refuses one. Returns true if nothing is left.
     pub fn send(&mut self, mut send: impl FnMut(Stretch) -> bool) -> bool {
+        let mut bytes = vec![0; STRETCH];
         for (agent, part) in &mut self.parts {
-            while let Some(stretch) = part.read(&self.directory, *agent, part.sent) {
+            while let Some(stretch) = part.read(&self.directory, *agent, part.sent, &mut bytes) {
                 let read = stretch.bytes.len() as u64;
                 if !send(stretch) {
                     return false;
