@@ -113,8 +113,13 @@ pub(super) struct Found {
 
 /// Returns all violations; those of `inside` and `apart` first, then by constraint. `reach` is not judged here.
 pub fn check(room: &Room) -> Vec<Violation> {
+    check_while(room, &|| true)
+}
+
+/// Returns the violations that are found while `going` holds.
+pub fn check_while(room: &Room, going: &dyn Fn() -> bool) -> Vec<Violation> {
     let mut all = Vec::new();
-    visit(room, &mut |violation| {
+    visit(room, going, &mut |violation| {
         all.push(violation);
         true
     });
@@ -124,7 +129,7 @@ pub fn check(room: &Room) -> Vec<Violation> {
 /// Returns the first violation of what is not just wished for.
 pub fn first(room: &Room) -> Option<Violation> {
     let mut first = None;
-    visit(room, &mut |violation| {
+    visit(room, &|| true, &mut |violation| {
         if !violation.wish {
             first = Some(violation);
         }
@@ -133,11 +138,14 @@ pub fn first(room: &Room) -> Option<Violation> {
     first
 }
 
-/// Hands out violations one by one, until `take` returns false.
-fn visit(room: &Room, take: &mut dyn FnMut(Violation) -> bool) {
+/// Hands out violations one by one, until `take` or `going` returns false.
+fn visit(room: &Room, going: &dyn Fn() -> bool, take: &mut dyn FnMut(Violation) -> bool) {
     let built_in = [Rule::Inside, Rule::Apart].map(|rule| Constraint { rule, wish: false });
     let numbered = room.constraints.iter().enumerate().map(|(i, c)| (Some(i + 1), c));
     for (number, constraint) in built_in.iter().map(|c| (None, c)).chain(numbered) {
+        if !going() {
+            return;
+        }
         for found in judge(room, &constraint.rule) {
             if !take(violation(room, number, constraint, found)) {
                 return;

@@ -7,6 +7,7 @@ use crate::scenario::diagnostics::{At, Diagnostics, Place};
 use crate::scenario::error::ScenarioError;
 use crate::scenario::family::Families;
 use crate::scenario::mesh_import::drawing::{self, Drawing};
+use crate::scenario::shipped::resolve;
 use crate::scenario::table::{Connector, Node, Read, Section, elements, wrong};
 use metamorph_module_agent::regular_file;
 use metamorph_protocol::lattice::Cell;
@@ -33,14 +34,27 @@ const PIECES: &str = "[\"chair 1\", \"chair 2\"]";
 const AREA: &str = "{ min = [0, 0], max = [9, 4] }";
 const BLOCK: &str = "{ min = [0, 0, 0], max = [1, 1, 3] }";
 
+/// Returns the content of the drawing of this name, or why there is none.
+pub type Drawings<'a> = &'a dyn Fn(&str) -> Result<Vec<u8>, String>;
+
 /// Reads a room; drawings that it names are found beside the file `origin`.
 ///
 /// # Errors
 /// All that is wrong with the file, with its places.
 pub fn read(origin: &str, text: &str) -> Result<Room, Diagnostics> {
+    let beside =
+        |name: &str| regular_file::read(&resolve(origin, name), MAX_BYTES).map_err(|error| error.to_string());
+    read_with(origin, text, &beside)
+}
+
+/// Reads a room whose drawings are not files beside it.
+///
+/// # Errors
+/// All that is wrong with the file, with its places.
+pub fn read_with(origin: &str, text: &str, drawings: Drawings<'_>) -> Result<Room, Diagnostics> {
     let mut diagnostics = Diagnostics::new(Families(&[]), origin, text);
     let room = match DeTable::parse(text) {
-        Ok(table) => document(table.get_ref(), &mut diagnostics),
+        Ok(table) => document(table.get_ref(), drawings, &mut diagnostics),
         Err(error) => {
             let place = error.span().map_or(Place::File, Place::from);
             diagnostics.add(
@@ -60,7 +74,7 @@ fn wrong_text(reason: &str, fix: &str) -> ScenarioError {
     ScenarioError::OfFamily { reason: reason.to_owned(), fix: fix.to_owned() }
 }
 
-fn document(table: &DeTable<'_>, diagnostics: &mut Diagnostics) -> Option<Room> {
+fn document(table: &DeTable<'_>, drawings: Drawings<'_>, diagnostics: &mut Diagnostics) -> Option<Room> {
     let mut file = Section::new(table, "the room file", Place::File);
     let version = file.need::<u64>("version", "version = 1", diagnostics)?;
     if version.value != VERSION {
@@ -76,7 +90,7 @@ fn document(table: &DeTable<'_>, diagnostics: &mut Diagnostics) -> Option<Room> 
             None
         }
     };
-    let mut forms = BTreeMap::new();
+    let mut forms = Forms { drawings, read: BTreeMap::new() };
     let pieces = list(file.node("piece"), PIECE, MAX_PIECES, "pieces", diagnostics);
     let pieces: Vec<At<Piece>> =
         pieces.filter_map(|node| read_piece(node, &mut forms, diagnostics)).collect();
@@ -231,10 +245,13 @@ impl Read for Block {
     }
 }
 
-/// The forms that pieces have named so far, since many pieces have the same.
-type Forms = BTreeMap<String, Option<Arc<Form>>>;
+/// Where drawings come from, and the forms that pieces have named so far, since many pieces have the same.
+struct Forms<'a> {
+    drawings: Drawings<'a>,
+    read: BTreeMap<String, Option<Arc<Form>>>,
+}
 
-fn read_piece(node: &Node<'_>, forms: &mut Forms, diagnostics: &mut Diagnostics) -> Option<At<Piece>> {
+fn read_piece(node: &Node<'_>, forms: &mut Forms<'_>, diagnostics: &mut Diagnostics) -> Option<At<Piece>> {
     let mut section = Section::of(node, "[[piece]]", PIECE, diagnostics)?;
     let name = section.need::<String>("name", "name = \"chair 1\"", diagnostics);
     let at = section.need::<Connector>("at", "at = [3, 4]", diagnostics);
@@ -245,13 +262,16 @@ fn read_piece(node: &Node<'_>, forms: &mut Forms, diagnostics: &mut Diagnostics)
         ["shape"] => read_shape(&mut section, diagnostics).map(Arc::new),
         ["file"] => {
             let At { value: path, place } = section.get::<String>("file", diagnostics)?;
-            if !forms.contains_key(&path) {
-                let form = read_drawing(&path, &place, diagnostics).map(Arc::new);
-                forms.insert(path.clone(), form);
+            if !forms.read.contains_key(&path) {
+                let form = read_drawing(&path, &place, forms.drawings, diagnostics).map(Arc::new);
+                forms.read.insert(path.clone(), form);
             }
-            forms.get(&path).cloned().flatten()
+            forms.read.get(&path).cloned().flatten()
         }
-        ["cells"] => read_cells(section.node("cells"), diagnostics).map(Arc::new),
+        ["cells"] => {
+            let pins = section.node("pins").map_or(Some(Vec::new()), |node| read_pins(node, diagnostics));
+            read_cells(section.node("cells"), &pins?, diagnostics).map(Arc::new)
+        }
         [] => {
             section.missing("shape", "shape = \"chair\"", diagnostics);
             None
@@ -280,17 +300,37 @@ fn read_shape(section: &mut Section<'_, '_>, diagnostics: &mut Diagnostics) -> O
     section.choice("shape", "shape", &SHAPES, diagnostics).map(Form::library)
 }
 
-fn read_cells(node: Option<&Node<'_>>, diagnostics: &mut Diagnostics) -> Option<Form> {
+fn read_pins(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Vec<Pin>> {
+    let example = "pins = [[[0, 0, 0], [0, 0, 1]]]";
+    let pins = elements(node, example, diagnostics)?.iter().map(|pin| {
+        let cells = elements(pin, example, diagnostics)?;
+        let cells: Option<Vec<Cell>> = cells.iter().map(|cell| Cell::read(cell, diagnostics)).collect();
+        let pin = Pin::try_from(cells?).ok();
+        if pin.is_none() {
+            diagnostics.add(node.span(), wrong_text("a pin has two cells", example));
+        }
+        pin
+    });
+    pins.collect()
+}
+
+fn read_cells(node: Option<&Node<'_>>, pins: &[Pin], diagnostics: &mut Diagnostics) -> Option<Form> {
     let node = node?;
     let all = elements(node, "cells = [[0, 0, 0], [0, 0, 1], [0, 0, 2], [0, 0, 3]]", diagnostics)?;
     let cells: Option<Vec<Cell>> = all.iter().map(|cell| Cell::read(cell, diagnostics)).collect();
-    form(&cells?, &[], &node.span().into(), diagnostics)
+    form(&cells?, pins, &node.span().into(), diagnostics)
 }
 
-fn read_drawing(path: &str, place: &Place, diagnostics: &mut Diagnostics) -> Option<Form> {
-    let file = diagnostics.file(path);
-    let file = diagnostics.note(place, file)?;
-    let text = regular_file::read(&file, MAX_BYTES).map_err(|e| e.to_string());
+fn read_drawing(
+    path: &str,
+    place: &Place,
+    drawings: Drawings<'_>,
+    diagnostics: &mut Diagnostics,
+) -> Option<Form> {
+    // Counts the files, of which a room can name so many.
+    let counted = diagnostics.file(path);
+    diagnostics.note(place, counted)?;
+    let text = drawings(path);
     let text = text.and_then(|bytes| String::from_utf8(bytes).map_err(|_| "it is not UTF-8 text".to_owned()));
     let drawing = text.and_then(|text| drawing::read(path, &text).map_err(|e| e.to_string()));
     match drawing {

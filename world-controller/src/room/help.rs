@@ -9,8 +9,8 @@ use std::collections::HashSet;
 const MAX_LOOKED_AT: usize = 200_000;
 
 /// Returns the nearest place for a piece at which it violates nothing, first by distance and then by turn, y and x;
-/// `None` if there is none.
-pub fn snap(room: &Room, piece: usize) -> Option<Placement> {
+/// `None` if there is none, or `going` no longer holds.
+pub fn snap(room: &Room, piece: usize, going: &dyn Fn() -> bool) -> Option<Placement> {
     let from = room.pieces[piece].place;
     let mut room = room.clone();
     let all = (0..4u8).flat_map(|turn| {
@@ -18,7 +18,7 @@ pub fn snap(room: &Room, piece: usize) -> Option<Placement> {
     });
     let mut all: Vec<Placement> = all.collect();
     all.sort_by_key(|place| (from.distance(*place), place.turn, place.at.1, place.at.0));
-    all.into_iter().find(|place| {
+    all.into_iter().take_while(|_| going()).find(|place| {
         room.pieces[piece].place = *place;
         check(&room).iter().all(|v| v.wish || !v.movers.contains(&piece))
     })
@@ -50,10 +50,11 @@ pub struct Mended {
 ///
 /// Iterative deepening over the total. In every solution that is `n` steps away at least one piece of a constraint
 /// that is violated now stands elsewhere, so a step of one of its pieces leads to `n - 1`: to branch over the pieces
-/// of one violated constraint loses no solution.
-pub fn put_right(room: &Room) -> Option<Mended> {
-    let mut search =
-        Search { from: room.placements(), room: room.clone(), seen: HashSet::new(), left: MAX_LOOKED_AT };
+/// of one violated constraint loses no solution. The least is looked for while `searching` holds, any other while
+/// `mending` does.
+pub fn put_right(room: &Room, searching: &dyn Fn() -> bool, mending: &dyn Fn() -> bool) -> Option<Mended> {
+    let (from, room_now, seen) = (room.placements(), room.clone(), HashSet::new());
+    let mut search = Search { from, room: room_now, seen, left: MAX_LOOKED_AT, searching };
     for total in 0.. {
         search.seen.clear();
         if let Some(placements) = search.within(total) {
@@ -63,20 +64,24 @@ pub fn put_right(room: &Room) -> Option<Mended> {
             break;
         }
     }
-    one_by_one(room)
+    one_by_one(room, mending)
 }
 
-struct Search {
+struct Search<'a> {
     from: Vec<Placement>,
     room: Room,
     /// Rooms looked at in this round, with what was left of the total.
     seen: HashSet<(Vec<Placement>, u32)>,
     left: usize,
+    searching: &'a dyn Fn() -> bool,
 }
 
-impl Search {
+impl Search<'_> {
     fn within(&mut self, budget: u32) -> Option<Vec<Placement>> {
         let now = self.room.placements();
+        if !(self.searching)() {
+            self.left = 0;
+        }
         if self.left == 0 || !self.seen.insert((now.clone(), budget)) {
             return None;
         }
@@ -109,7 +114,7 @@ fn steps(place: Placement) -> [(Placement, u32); 6] {
 }
 
 /// Moves one piece after the other to the nearest place where it violates nothing.
-fn one_by_one(room: &Room) -> Option<Mended> {
+fn one_by_one(room: &Room, going: &dyn Fn() -> bool) -> Option<Mended> {
     let mut mended = room.clone();
     for _ in 0..=room.pieces.len() {
         let Some(violation) = first(&mended) else {
@@ -118,7 +123,7 @@ fn one_by_one(room: &Room) -> Option<Mended> {
             let total = moved.map(|(piece, place)| piece.place.distance(*place)).sum();
             return Some(Mended { placements, total, least: Least::Heuristic });
         };
-        let places = violation.movers.iter().filter_map(|p| Some((*p, snap(&mended, *p)?)));
+        let places = violation.movers.iter().filter_map(|p| Some((*p, snap(&mended, *p, going)?)));
         let nearest = places.min_by_key(|(p, place)| mended.pieces[*p].place.distance(*place));
         let (piece, place) = nearest?;
         mended.pieces[piece].place = place;

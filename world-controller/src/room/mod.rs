@@ -2,12 +2,14 @@
 //! scenario in which metamodules build it, and how precise a circle is.
 
 pub mod constraint;
-mod document;
+pub mod description;
+pub mod document;
+pub mod edit;
 mod export;
 mod form;
-mod help;
+pub mod help;
 pub mod measure;
-mod model;
+pub mod model;
 mod reach;
 pub mod study;
 mod template;
@@ -15,6 +17,7 @@ mod template;
 mod tests;
 mod text;
 mod walkway;
+mod wording;
 
 use crate::console::command_error::{BAD_USAGE, CommandError};
 use crate::console::escape::{Shown as _, portable};
@@ -33,11 +36,11 @@ use metamorph_module_agent::regular_file;
 use metamorph_protocol::metamodule::motions::Motions;
 use metamorph_protocol::roombots::Kind;
 use model::{CELL_M, Placement, Room};
-use reach::{Stage, order};
-use serde::Serialize;
+use reach::{Stage, order, order_while};
+use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use study::{LogError, Session};
-use template::Template;
+use template::{Template, fresh_names};
 use thiserror::Error;
 
 /// The end of the command's help.
@@ -116,8 +119,9 @@ pub struct RoomArgs {
 }
 
 /// A kind of metamodule, as typed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Deserialize)]
 #[value(rename_all = "UPPER")]
+#[serde(rename_all = "UPPERCASE")]
 #[allow(missing_docs, reason = "the names are those of the thesis")]
 pub enum KindArg {
     Par,
@@ -199,6 +203,11 @@ pub enum RoomError {
         "the room cannot be built: {0}\n  fix: `metamorph room FILE` with a constraint `kind = \"reach\"` names the places; move pieces apart, or move the store"
     )]
     NoOrder(String),
+    /// The search for an order takes too long.
+    #[error(
+        "the search for an order of building has ended without one\n  fix: `metamorph room FILE --write` has no limit of time"
+    )]
+    Late,
     /// The room is no scenario.
     #[error("{0}")]
     Export(#[from] ExportError),
@@ -211,7 +220,7 @@ impl CommandError for RoomError {
     fn exit_code(&self) -> u8 {
         match self {
             RoomError::Output(error) => error.exit_code(),
-            RoomError::NoOrder(_) => VIOLATED,
+            RoomError::NoOrder(_) | RoomError::Late => VIOLATED,
             _ => BAD_USAGE,
         }
     }
@@ -292,17 +301,16 @@ pub fn room(args: &RoomArgs) -> Result<u8, RoomError> {
     }
     if let Some(name) = &args.snap {
         let piece = room.find(name).ok_or_else(|| RoomError::NoPiece(name.escape_debug().to_string()))?;
-        answer.snap = snap(&room, piece);
+        answer.snap = snap(&room, piece, &|| true);
         exit = if answer.snap.is_some() { 0 } else { VIOLATED };
     } else if args.put_right {
-        answer.put_right = put_right(&room);
+        answer.put_right = put_right(&room, &|| true, &|| true);
         match &answer.put_right {
             Some(mended) => room.place(&mended.placements),
             None => exit = VIOLATED,
         }
     }
-    // Invariant: a kind that can be typed has motions, and the database is small enough for them.
-    let motions = motions(args.kind.into()).expect("invariant: kinds of metamodules have motions");
+    let motions = motions_of(args.kind);
     answer.violations = violations(&room, &motions);
     if args.snap.is_none() && answer.violations.iter().any(|v| !v.wish) {
         exit = VIOLATED;
@@ -339,11 +347,41 @@ fn read(path: &Path) -> Result<Room, RoomError> {
 /// Returns all violations, those of `reach` last, which are looked for only if no piece is in another or outside.
 fn violations(room: &Room, motions: &Motions) -> Vec<Violation> {
     let mut all = constraint::check(room);
-    let impossible = [Rule::Inside.name(), Rule::Apart.name()];
-    if !all.iter().any(|v| impossible.contains(&v.rule)) {
+    if !is_impossible(&all) {
         all.extend(reach::check(room, motions));
     }
     all
+}
+
+/// Returns whether a piece is in another or outside of the room.
+fn is_impossible(violations: &[Violation]) -> bool {
+    violations.iter().any(|v| [Rule::Inside.name(), Rule::Apart.name()].contains(&v.rule))
+}
+
+/// Returns the text of the scenario in which metamodules of a kind build the room. `going` bounds the search for the
+/// order of building; `origin` names the room file.
+///
+/// # Errors
+/// If no order is found, or the room is no scenario.
+pub fn scenario_of(
+    room: &Room,
+    kind: KindArg,
+    origin: &str,
+    going: &dyn Fn() -> bool,
+) -> Result<String, RoomError> {
+    let motions = motions_of(kind);
+    let stages = order_while(room, &motions, going);
+    let stages = stages.map_err(|blocked| match going() {
+        true => RoomError::NoOrder(why(room, &blocked)),
+        false => RoomError::Late,
+    })?;
+    Ok(scenario(room, &stages, kind.into(), origin)?)
+}
+
+/// Returns the motions of a kind.
+pub fn motions_of(kind: KindArg) -> Motions {
+    // Invariant: a kind that can be typed has motions, and the database is small enough for them.
+    motions(kind.into()).expect("invariant: kinds of metamodules have motions")
 }
 
 fn why(room: &Room, blocked: &reach::Blocked) -> String {
@@ -397,7 +435,7 @@ fn tables(template: TemplateArg, args: &RoomArgs, room: &Room) -> String {
     // Invariant: only names of shapes can be typed.
     let make = SHAPES.iter().find(|(name, _)| *name == args.shape).map_or(SHAPES[0].1, |(_, make)| *make);
     let places = template.places(&Form::library(make));
-    let mut names = (1..).map(|i| format!("{} {i}", args.shape)).filter(|name| room.find(name).is_none());
+    let mut names = fresh_names(args.shape, |name| room.find(name).is_some());
     let table = |place: &Placement| {
         let (name, (x, y)) = (names.next().unwrap_or_default(), place.at);
         format!(

@@ -34,9 +34,18 @@ pub struct Blocked {
 /// # Errors
 /// If there is none, with the pieces that block each other.
 pub fn order(room: &Room, motions: &Motions) -> Result<Vec<Stage>, Blocked> {
+    order_while(room, motions, &|| true)
+}
+
+/// Finds the order in which the pieces can be built, while `going` holds: afterwards nothing leaves any more, so that
+/// the answer says nothing.
+///
+/// # Errors
+/// If there is none.
+pub fn order_while(room: &Room, motions: &Motions, going: &dyn Fn() -> bool) -> Result<Vec<Stage>, Blocked> {
     let store = room.store.ok_or(Blocked { pieces: Vec::new(), cells: Vec::new() })?;
     let (x, y) = room.size;
-    let of = Disassembly { room, motions, store, floor: Floor { min: (0, 0), max: (x - 1, y - 1) } };
+    let of = Disassembly { room, motions, store, floor: Floor { min: (0, 0), max: (x - 1, y - 1) }, going };
     let mut standing: Vec<usize> = (0..room.pieces.len()).collect();
     // The nearest to the store is built last, if it can be.
     standing.sort_by_key(|p| (from_store(&room.pieces[*p], store), *p));
@@ -65,9 +74,15 @@ pub fn order(room: &Room, motions: &Motions) -> Result<Vec<Stage>, Blocked> {
 
 /// Returns the violations of all `reach` constraints.
 pub fn check(room: &Room, motions: &Motions) -> Vec<Violation> {
+    check_while(room, motions, &|| true)
+}
+
+/// Returns the violations of all `reach` constraints, if they are known before `going` no longer holds.
+pub fn check_while(room: &Room, motions: &Motions, going: &dyn Fn() -> bool) -> Vec<Violation> {
     let all = room.constraints.iter().enumerate();
     let asked: Vec<(usize, &Constraint)> = all.filter(|(_, c)| c.rule == Rule::Reach).collect();
-    let Some(blocked) = asked.first().and_then(|_| order(room, motions).err()) else { return Vec::new() };
+    let blocked = asked.first().and_then(|_| order_while(room, motions, going).err());
+    let Some(blocked) = blocked.filter(|_| going()) else { return Vec::new() };
     let names: Vec<&str> = blocked.pieces.iter().map(|p| room.pieces[*p].name.as_str()).collect();
     let why = match &names[..] {
         [] => "the room has no store for metamodules to come from".to_owned(),
@@ -92,6 +107,7 @@ struct Disassembly<'a> {
     motions: &'a Motions,
     store: Area,
     floor: Floor,
+    going: &'a dyn Fn() -> bool,
 }
 
 impl Disassembly<'_> {
@@ -110,7 +126,9 @@ impl Disassembly<'_> {
                 let leaves = |seed: &Seed| {
                     let beside = left.iter().filter(|other| *other != seed).flat_map(Seed::cells);
                     let taken: Vec<Cell> = fixed.iter().chain(&below).copied().chain(beside).collect();
-                    self.motions.distances(self.floor, *seed, &taken).reach(|at| self.store.has(at))
+                    let may_go_on = (self.going)();
+                    may_go_on
+                        && self.motions.distances(self.floor, *seed, &taken).reach(|at| self.store.has(at))
                 };
                 let step: Vec<Seed> = left.iter().copied().filter(leaves).collect();
                 match step.is_empty() {

@@ -47,6 +47,11 @@ pub enum Template {
     },
 }
 
+/// Returns names that no piece has: the stem with a number.
+pub fn fresh_names(stem: &str, is_taken: impl Fn(&str) -> bool) -> impl Iterator<Item = String> {
+    (1u32..).map(move |i| format!("{stem} {i}")).filter(move |name| !is_taken(name))
+}
+
 impl Template {
     /// Returns the places of this form.
     pub fn places(&self, form: &Form) -> Vec<Placement> {

@@ -1,7 +1,9 @@
 //! Rooms as text: what is refused, what is violated, and what puts it right.
 
 use super::constraint::{check, first};
+use super::description::describe;
 use super::document::read;
+use super::edit::{Edit, EditError, apply};
 use super::help::{Least, put_right, snap};
 use super::model::{Placement, Room};
 use super::{reach, template::Template};
@@ -9,6 +11,7 @@ use crate::family::metamodule::motion_database::motions;
 use crate::room::form::{Form, SHAPES};
 use metamorph_protocol::rng::Rng;
 use metamorph_protocol::roombots::Kind;
+use serde_json::json;
 
 const HEAD: &str =
     "version = 1\n[room]\nsize = [30, 20]\ndoors = [[0, 10]]\nstore = { min = [0, 0], max = [29, 4] }\n";
@@ -142,10 +145,10 @@ fn a_piece_snaps_to_the_nearest_place() {
         constraint("gap", "pieces = [\"a\", \"b\"]\ncells = 1"),
     ];
     let room = room(&parts);
-    assert_eq!(snap(&room, 1), Some(Placement { at: (9, 5), turn: 0 }));
+    assert_eq!(snap(&room, 1, &|| true), Some(Placement { at: (9, 5), turn: 0 }));
     let mut full = Room { size: (4, 4), doors: Vec::new(), store: None, ..room };
     full.pieces[0].place.at = (0, 0);
-    assert_eq!(snap(&full, 1), None);
+    assert_eq!(snap(&full, 1, &|| true), None);
 }
 
 /// Compares with all arrangements of two chairs in a small room.
@@ -163,7 +166,7 @@ fn the_least_total_displacement_is_found() {
             constraint("wall", "piece = \"a\""),
         );
         let room = read("room.toml", &text).unwrap();
-        let mended = put_right(&room).unwrap();
+        let mended = put_right(&room, &|| true, &|| true).unwrap();
         let all = || {
             let places = (0..9).flat_map(|x| {
                 (0..8).flat_map(move |y| (0..4).map(move |turn| Placement { at: (x, y), turn }))
@@ -238,4 +241,169 @@ fn what_is_behind_others_is_built_before_them() {
     assert!(blocked.pieces == [4] && !blocked.cells.is_empty(), "{blocked:?}");
     let violations = reach::check(&shut, &motions);
     assert!(violations.len() == 1 && violations[0].why.contains("behind"), "{violations:?}");
+}
+
+const EDITED: &str = "\
+# A room with comments.
+version = 1
+[room]
+size = [30, 20]     # by night
+store = { min = [0, 0], max = [29, 4] }
+
+[[piece]]
+name = \"a\"
+shape = \"chair\"
+at = [5, 8]         # at the window
+[[piece]]
+name = \"b\"
+shape = \"chair\"
+at = [12, 8]
+turn = 1
+[[piece]]
+name = \"c\"
+cells = [[0, 0, 0], [0, 0, 1], [0, 0, 2], [0, 0, 3]]
+at = [20, 8]
+
+[[constraint]]      # the first
+kind = \"align\"
+pieces = [\"a\", \"b\", \"c\"]
+axis = \"x\"
+[[constraint]]
+kind = \"gap\"
+pieces = [\"a\", \"b\"]
+cells = 2
+[[constraint]]
+kind = \"wall\"
+piece = \"c\"
+wish = true
+";
+
+/// Each change does to the text what it says and nothing else, and the changed text is a room.
+#[test]
+fn changes_keep_the_rest_of_the_text() {
+    let place =
+        |piece: &str, at: [i16; 2], turn: u8| json!({ "place": { "piece": piece, "at": at, "turn": turn } });
+    for (edit, before, after) in [
+        (place("a", [6, 9], 0), "at = [5, 8]  ", "at = [6, 9]  "),
+        (
+            place("a", [6, 9], 3),
+            "at = [5, 8]         # at the window\n",
+            "at = [6, 9]         # at the window\nturn = 3\n",
+        ),
+        (place("b", [-1, 8], 0), "at = [12, 8]\nturn = 1", "at = [-1, 8]\nturn = 0"),
+        (
+            json!({ "colour": { "piece": "c", "colour": "red" } }),
+            "at = [20, 8]\n",
+            "at = [20, 8]\ncolour = \"red\"\n",
+        ),
+        (json!({ "resize": { "size": [40, 20] } }), "[30, 20]", "[40, 20]"),
+        (json!({ "wish": { "constraint": 3, "wish": false } }), "wish = true", "wish = false"),
+        (
+            json!({ "release": { "constraint": 2 } }),
+            "[[constraint]]\nkind = \"gap\"\npieces = [\"a\", \"b\"]\ncells = 2\n",
+            "",
+        ),
+        (
+            json!({ "add": { "name": "d", "shape": "box", "at": [1, 12], "turn": 2, "colour": "red" } }),
+            "at = [20, 8]\n",
+            "at = [20, 8]\n\n[[piece]]\nname = \"d\"\nshape = \"box\"\nat = [1, 12]\nturn = 2\ncolour = \"red\"\n",
+        ),
+        (
+            json!({ "constrain": { "kind": "near", "pieces": ["c", "a"], "cells": 4, "wish": true } }),
+            "wish = true\n",
+            "wish = true\n\n[[constraint]]\nkind = \"near\"\npieces = [\"c\", \"a\"]\ncells = 4\nwish = true\n",
+        ),
+    ] {
+        let edits: Vec<Edit> = serde_json::from_value(json!([edit])).unwrap();
+        let changed = apply(EDITED, &edits).unwrap();
+        assert_eq!(changed, EDITED.replacen(before, after, 1), "{edit}");
+        assert_ne!(changed, EDITED, "{edit}");
+        assert!(read("room.toml", &changed).is_ok(), "{edit}: {changed}");
+    }
+    assert_eq!(apply(EDITED, &[]).unwrap(), EDITED);
+}
+
+#[test]
+fn pieces_are_taken_out_of_and_renamed_in_constraints_and_arranged() {
+    let changed = |edit: serde_json::Value| {
+        let edits: Vec<Edit> = serde_json::from_value(json!([edit])).unwrap();
+        apply(EDITED, &edits)
+            .map(|text| read("room.toml", &text).unwrap_or_else(|wrong| panic!("{wrong}\n{text}")))
+    };
+    let kinds = |room: &Room| room.constraints.iter().map(|c| c.rule.name()).collect::<Vec<_>>();
+    // A row of two is still one; a gap beside one piece and a wall behind none are not.
+    assert_eq!(kinds(&changed(json!({ "remove": { "piece": "b" } })).unwrap()), ["align", "wall"]);
+    assert_eq!(kinds(&changed(json!({ "remove": { "piece": "c" } })).unwrap()), ["align", "gap"]);
+    let renamed = changed(json!({ "rename": { "piece": "c", "name": "a new name" } })).unwrap();
+    assert_eq!((kinds(&renamed), renamed.find("a new name")), (vec!["align", "gap", "wall"], Some(2)));
+    let circle = json!({ "template": "circle", "count": [4, 1], "around": [15, 12], "radius": 6.0, "gap": 0, "shape": "chair", "colour": "green" });
+    let arranged = changed(json!({ "arrange": circle })).unwrap();
+    assert_eq!((arranged.pieces.len(), arranged.find("chair 4")), (7, Some(6)));
+    let inline =
+        "version = 1\nroom = { size = [9, 9] }\npiece = [{ name = \"a\", shape = \"chair\", at = [0, 0] }]\n";
+    let add: Vec<Edit> = serde_json::from_value(json!([
+        { "add": { "name": "b", "cells": [[0, 0, 0], [0, 0, 1], [1, 0, 1], [1, 0, 0]], "pins": [[[0, 0, 0], [0, 0, 1]]], "at": [5, 5] } },
+        { "place": { "piece": "a", "at": [1, 1], "turn": 0 } },
+        { "constrain": { "kind": "walkway", "cells": 1 } },
+    ]))
+    .unwrap();
+    let room = read("room.toml", &apply(inline, &add).unwrap()).unwrap_or_else(|wrong| panic!("{wrong}"));
+    assert_eq!((room.pieces.len(), room.pieces[0].place.at, kinds(&room)), (2, (1, 1), vec!["walkway"]));
+    for (edit, why) in [
+        (json!({ "remove": { "piece": "d" } }), "no piece `d`"),
+        (json!({ "place": { "piece": "", "at": [0, 0], "turn": 0 } }), "no piece ``"),
+        (json!({ "release": { "constraint": 4 } }), "no constraint 4"),
+        (json!({ "release": { "constraint": 0 } }), "no constraint 0"),
+        (json!({ "wish": { "constraint": 9, "wish": true } }), "no constraint 9"),
+        (
+            json!({ "arrange": { "template": "row", "count": [200, 1], "around": [0, 0], "radius": 1.0, "gap": 0, "shape": "box" } }),
+            "1 to 128 pieces",
+        ),
+        (
+            json!({ "arrange": { "template": "row", "count": [2, 1], "around": [0, 0], "radius": 1.0, "gap": 0, "shape": "sofa" } }),
+            "no shape `sofa`",
+        ),
+    ] {
+        let error = changed(edit.clone()).err().map(|error| error.to_string()).unwrap_or_default();
+        assert!(error.contains(why), "{edit}: {error}");
+    }
+    assert!(matches!(apply("version = ", &add), Err(EditError::Syntax(_))));
+    assert!(matches!(apply("version = 1\nroom = 3\npiece = 4", &add), Err(EditError::NoTable("piece"))));
+    assert!(
+        serde_json::from_value::<Vec<Edit>>(
+            json!([{ "place": { "piece": "a", "at": [0, 0], "turn": 0, "x": 1 } }])
+        )
+        .is_err()
+    );
+}
+
+/// What is not known when the time is over is neither kept nor violated.
+#[test]
+fn descriptions_say_what_is_kept_violated_and_unknown() {
+    let states = |room: &Room, going: bool, reach: bool| {
+        let motions = motions(Kind::Srs).unwrap();
+        let described = describe(room, reach.then_some(&motions), &|| going);
+        let described = serde_json::to_value(&described).unwrap();
+        let all = described["constraints"].as_array().unwrap().iter();
+        let states: Vec<String> = all
+            .map(|c| format!("{} {}", c["kind"].as_str().unwrap(), c["state"].as_str().unwrap()))
+            .collect();
+        (states, described["complete"] == true)
+    };
+    let parts = [
+        piece("a", [5, 8], 0),
+        piece("b", [12, 8], 0),
+        constraint("gap", "pieces = [\"a\", \"b\"]\ncells = 9"),
+        constraint("reach", ""),
+    ];
+    let known = room(&parts);
+    let gap = "gap violated".to_owned();
+    let kept = ["inside kept".to_owned(), "apart kept".to_owned()];
+    let with = |reach: &str| [&kept[..], &[gap.clone(), format!("reach {reach}")]].concat();
+    assert_eq!(states(&known, true, true), (with("kept"), true));
+    assert_eq!(states(&known, true, false), (with("unknown"), true));
+    let (unknown, complete) = states(&known, false, false);
+    assert!(!complete && unknown.iter().all(|state| state.ends_with("unknown")), "{unknown:?}");
+    let over = room(&[piece("a", [5, 8], 0), piece("b", [6, 8], 0), constraint("reach", "")]);
+    assert_eq!(states(&over, true, true).0, ["inside kept", "apart violated", "reach unknown"]);
 }
