@@ -23,5 +23,6 @@ pub mod page;
 pub mod probe;
 pub mod script;
 pub mod statistics;
+pub mod studio;
 pub mod testbed;
 pub mod view;

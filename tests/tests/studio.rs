@@ -208,7 +208,7 @@ fn hostile_requests_have_no_effect() {
     good["version"] = json!(1);
     let good = good.to_string();
     let (post, all, headers) = (View::post_request, view.headers().concat(), view.hostile_headers());
-    for name in ["start", "stop", "save", "open", "analyse", "begin", "state"] {
+    for name in ["start", "stop", "save", "open", "analyse", "room", "begin", "state"] {
         for (expected, headers) in &headers {
             // What a body says is looked at after everything else.
             let (status, answer) = view.raw(&post(&format!("{root}{name}"), host, headers, &good));

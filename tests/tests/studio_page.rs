@@ -3,7 +3,8 @@
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 #![allow(clippy::print_stdout, reason = "says why something is skipped, and what was measured")]
 
-use metamorph_tests::browser::{Browser, find};
+use metamorph_tests::browser::Browser;
+use metamorph_tests::studio::{check_clean, drag, enter, middle, number, open, press_with_shift, tap};
 use metamorph_tests::view::View;
 use metamorph_world_controller::console::stopwatch::Stopwatch;
 use serde_json::json;
@@ -11,67 +12,10 @@ use serde_json::json;
 const SETTLED: &str = "window.studio.analyst.settled";
 const BUILT: &str = "document.getElementById('run-state').dataset.outcome === 'built'";
 
-/// Opens the studio in a browser; `None` where there is none. `size` is that of a touch screen.
-fn open(view: &View, size: Option<(u32, u32)>) -> Option<Browser> {
-    let Some(program) = find() else {
-        println!("skipped: there is no chromium or chrome on this machine");
-        return None;
-    };
-    let mut browser = Browser::start(program);
-    if let Some((width, height)) = size {
-        let screen = json!({ "width": width, "height": height, "deviceScaleFactor": 2, "mobile": true });
-        browser.call("Emulation.setDeviceMetricsOverride", screen);
-        browser.call("Emulation.setTouchEmulationEnabled", json!({ "enabled": true }));
-    }
-    browser.open(&format!("{}#c={}", view.address, view.secret));
-    browser.until("document.body.dataset.state === 'ready'");
-    Some(browser)
-}
-
-/// Asserts that the page had no errors and loaded nothing from elsewhere, and that the secret has left the address.
-fn check_clean(browser: &mut Browser, view: &View) {
-    assert_eq!(browser.evaluate("location.hash"), json!(""));
-    assert_eq!(browser.complaints, Vec::<String>::new());
-    let elsewhere = |url: &&String| !url.starts_with(&view.address) && !url.starts_with("data:");
-    assert_eq!(browser.loaded.iter().filter(elsewhere).collect::<Vec<_>>(), Vec::<&String>::new());
-    assert!(browser.loaded.len() > 10 && !browser.loaded.iter().any(|url| url.contains(&view.secret)));
-}
-
-/// Returns the middle of an element.
-fn middle(browser: &mut Browser, selector: &str) -> (f64, f64) {
-    let place = format!(
-        "(() => {{ const e = document.querySelector('{selector}'); e.scrollIntoView({{ block: 'nearest' }}); \
-         const r = e.getBoundingClientRect(); return [r.left + r.width / 2, r.top + r.height / 2]; }})()"
-    );
-    let place = browser.evaluate(&place);
-    (place[0].as_f64().unwrap(), place[1].as_f64().unwrap())
-}
-
 /// Returns where the page shows a place of the drawing.
 fn spot(browser: &mut Browser, at: [f64; 3]) -> (f64, f64) {
     let place = browser.evaluate(&format!("window.studio.space.project({at:?})"));
     (place["x"].as_f64().unwrap(), place["y"].as_f64().unwrap())
-}
-
-fn tap(browser: &mut Browser, (x, y): (f64, f64)) {
-    browser.call(
-        "Input.dispatchTouchEvent",
-        json!({ "type": "touchStart", "touchPoints": [{ "x": x, "y": y }] }),
-    );
-    browser.call("Input.dispatchTouchEvent", json!({ "type": "touchEnd", "touchPoints": [] }));
-}
-
-/// Presses Enter, as a keyboard does: a focused button is pressed by it.
-fn enter(browser: &mut Browser) {
-    for kind in ["keyDown", "keyUp"] {
-        let text = if kind == "keyDown" { "\r" } else { "" };
-        let key = json!({ "type": kind, "key": "Enter", "code": "Enter", "windowsVirtualKeyCode": 13, "text": text });
-        browser.call("Input.dispatchKeyEvent", key);
-    }
-}
-
-fn number(browser: &mut Browser, expression: &str) -> u64 {
-    browser.evaluate(expression).as_u64().unwrap()
 }
 
 /// A promise that is kept after 20 frames.
@@ -184,20 +128,6 @@ fn the_same_by_touch_on_a_small_screen() {
     check_clean(&mut browser, &view);
 }
 
-/// Drags with the mouse, from one place to another.
-fn drag(browser: &mut Browser, from: (f64, f64), to: (f64, f64), button: &str) {
-    let event = |kind: &str, (x, y): (f64, f64)| {
-        let buttons = if button == "left" { 1 } else { 2 };
-        json!({ "type": kind, "x": x, "y": y, "button": button, "buttons": buttons, "clickCount": 1 })
-    };
-    browser.call("Input.dispatchMouseEvent", event("mousePressed", from));
-    for share in [0.3, 0.6, 1.0] {
-        let at = (from.0 + (to.0 - from.0) * share, from.1 + (to.1 - from.1) * share);
-        browser.call("Input.dispatchMouseEvent", event("mouseMoved", at));
-    }
-    browser.call("Input.dispatchMouseEvent", event("mouseReleased", to));
-}
-
 #[test]
 fn cubes_are_drawn_mirrored_chosen_copied_and_taken_back() {
     let view = View::start(&["studio"]);
@@ -264,14 +194,6 @@ fn cubes_are_drawn_mirrored_chosen_copied_and_taken_back() {
     check_clean(&mut browser, &view);
 }
 
-/// Presses a key together with Shift.
-fn shifted(browser: &mut Browser, key: &str) {
-    for (kind, text) in [("keyDown", key), ("keyUp", "")] {
-        let how = json!({ "type": kind, "key": key, "text": text, "modifiers": 8 });
-        browser.call("Input.dispatchKeyEvent", how);
-    }
-}
-
 const PINS: &str = "window.studio.structure.pins.size / 2";
 
 /// Pins by tool, keyboard and module; they cost a module, are given up, move with their cubes, and are saved.
@@ -303,7 +225,7 @@ fn modules_are_pinned_and_the_pins_that_forbid_a_pairing_are_given_up() {
     is(&mut browser, 0, 0);
     browser.press("z");
     is(&mut browser, 1, 2);
-    shifted(&mut browser, "R");
+    press_with_shift(&mut browser, "R");
     is(&mut browser, 0, 0);
     // A click on a module keeps it as it is, and a second one no longer.
     let cube = spot(&mut browser, [0.0, 0.0, 0.5]);
@@ -322,7 +244,7 @@ fn modules_are_pinned_and_the_pins_that_forbid_a_pairing_are_given_up() {
     browser.evaluate("window.studio.tools.choose([[1, 0, 0], [2, 0, 0]])");
     browser.press("k");
     is(&mut browser, 1, 2);
-    shifted(&mut browser, "K");
+    press_with_shift(&mut browser, "K");
     is(&mut browser, 0, 0);
     browser.press("Escape");
     // The tool for modules pins what it draws; a cube that goes away takes its pin along, and the tool both cubes.
@@ -369,7 +291,7 @@ fn modules_are_pinned_and_the_pins_that_forbid_a_pairing_are_given_up() {
     browser.until("document.getElementById('hint').textContent === 'kept.toml is saved'");
     let saved = std::fs::read_to_string(directory.path().join("kept.toml")).unwrap();
     assert!(saved.contains("pins = [\n    [[0, 0, 0], [1, 0, 0]],\n]"), "{saved}");
-    shifted(&mut browser, "K");
+    press_with_shift(&mut browser, "K");
     is(&mut browser, 0, 0);
     browser.evaluate(
         "[...document.querySelectorAll('#files button')].find((b) => b.textContent === 'kept.toml').click()",

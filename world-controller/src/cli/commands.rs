@@ -113,7 +113,7 @@ pub enum Command {
     /// Convert a solid to cells, write it as a scenario, or pair the cells to modules
     #[command(after_help = SHAPE_EXAMPLES)]
     Shape(ShapeArgs),
-    /// Draw a structure of cubes in the browser, see which modules it becomes, start it, command it
+    /// Draw a structure of cubes or furnish a room in the browser, start what builds it, command it
     #[command(after_help = studio::EXAMPLES)]
     Studio(StudioArgs),
     /// Check what of this machine limits a swarm of processes, and how to raise it

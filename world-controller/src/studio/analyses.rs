@@ -1,8 +1,9 @@
 //! Analyses that pages ask for: a page sends what has changed since a revision, and gets the answer for the new one. One
-//! analysis is carried out at a time; a newer one cancels it.
+//! analysis is carried out at a time; a newer one of the same page cancels it.
 
 use super::analysis::Analysis;
 use super::budget::{Budget, LONGEST};
+use super::one_at_a_time::{NoAnswer, OneAtATime, PAGES};
 use crate::scenario::family::{DrawnStructure, Families};
 use crate::view::http::refused;
 use hyper::StatusCode;
@@ -14,13 +15,10 @@ use metamorph_protocol::shape::components;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Largest number of cells of a drawing.
 pub const MAX_CELLS: usize = 20_000;
-/// Number of pages that are remembered; the one heard of least recently is forgotten.
-const PAGES: usize = 8;
 /// Largest number of characters of the name of a page.
 const MAX_NAME: usize = 64;
 
@@ -65,13 +63,12 @@ struct Taken {
     shown: Vec<[Cell; 2]>,
 }
 
-/// The drawings of all pages, and the analysis in progress.
+/// The drawings of all pages, and the analyses in progress.
 #[derive(Debug, Default)]
 pub struct Analyses {
     /// The one heard of last is the last one.
     drawings: Mutex<Vec<Drawing>>,
-    newest: Mutex<Arc<AtomicBool>>,
-    one: tokio::sync::Mutex<()>,
+    work: OneAtATime,
 }
 
 type Response = (StatusCode, Value);
@@ -99,25 +96,17 @@ impl Analyses {
             Ok(taken) => taken,
             Err(refused) => return refused,
         };
-        let cancelled = Arc::new(AtomicBool::new(false));
-        std::mem::replace(&mut *locked(&self.newest), Arc::clone(&cancelled)).store(true, Ordering::Relaxed);
-        let one = self.one.lock().await;
-        if cancelled.load(Ordering::Relaxed) {
-            return stale("a newer request has come");
-        }
-        let budget = Arc::clone(&cancelled);
-        let analysis = tokio::task::spawn_blocking(move || {
-            let budget = Budget::new(budget, LONGEST);
+        let work = move |cancelled| {
+            let budget = Budget::new(cancelled, LONGEST);
             analyse(&cells, &pins, &shown, all.then_some(families), &budget)
-        });
-        let analysed = analysis.await;
-        drop(one);
-        let Ok((mut value, shown)) = analysed else {
-            return refused(StatusCode::INTERNAL_SERVER_ERROR, "the analysis has failed");
         };
-        if cancelled.load(Ordering::Relaxed) {
-            return stale("a newer request has come");
-        }
+        let (mut value, shown) = match self.work.carry_out(&page, work).await {
+            Ok(analysed) => analysed,
+            Err(NoAnswer::Stale) => return stale("a newer request has come"),
+            Err(NoAnswer::Failed) => {
+                return refused(StatusCode::INTERNAL_SERVER_ERROR, "the analysis has failed");
+            }
+        };
         let mut drawings = locked(&self.drawings);
         if let Some(drawing) = drawings.iter_mut().find(|d| d.page == page && d.revision == revision) {
             drawing.shown = shown;

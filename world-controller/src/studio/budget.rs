@@ -8,7 +8,7 @@ use std::time::Duration;
 
 /// Processor time of an analysis.
 pub const LONGEST: Duration = Duration::from_secs(2);
-/// Questions from one look at the clock to the next.
+/// Questions from one look at the clock to the next, where a question is about little work.
 const LOOK_EVERY: u32 = 32;
 
 /// What is left of the time of an analysis on this thread.
@@ -17,6 +17,7 @@ pub struct Budget {
     cancelled: Arc<AtomicBool>,
     begun: Duration,
     longest: Duration,
+    look_every: u32,
     asked: Cell<u32>,
     over: Cell<bool>,
 }
@@ -29,13 +30,20 @@ fn processor_time() -> Duration {
 impl Budget {
     /// Begins an analysis of at most this processor time, which `cancelled` ends.
     pub fn new(cancelled: Arc<AtomicBool>, longest: Duration) -> Budget {
+        Budget::looking(cancelled, longest, LOOK_EVERY)
+    }
+    /// The same for work in steps that each take longer than a look at the clock.
+    pub fn of_steps(cancelled: Arc<AtomicBool>, longest: Duration) -> Budget {
+        Budget::looking(cancelled, longest, 1)
+    }
+    fn looking(cancelled: Arc<AtomicBool>, longest: Duration, look_every: u32) -> Budget {
         let (begun, asked, over) = (processor_time(), Cell::new(0), Cell::new(false));
-        Budget { cancelled, begun, longest, asked, over }
+        Budget { cancelled, begun, longest, look_every, asked, over }
     }
     /// Returns whether the analysis may go on.
     pub fn is_left(&self) -> bool {
         self.asked.set(self.asked.get().wrapping_add(1));
-        if !self.over.get() && self.asked.get().is_multiple_of(LOOK_EVERY) {
+        if !self.over.get() && self.asked.get().is_multiple_of(self.look_every) {
             let spent = processor_time().saturating_sub(self.begun);
             self.over.set(spent > self.longest || self.cancelled.load(Ordering::Relaxed));
         }

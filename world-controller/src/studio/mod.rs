@@ -1,9 +1,10 @@
 //! `metamorph studio`: a person draws a structure of cubes, sees which modules it becomes and what to change if it
-//! cannot, starts a swarm that builds it, and commands that swarm.
+//! cannot, starts a swarm that builds it, and commands that swarm; or furnishes a room.
 //!
 //! `site` answers the page (`page/`, plain JavaScript), `analyses` keeps the drawings of pages and analyses them within a
 //! `budget`; `analysis` is the answer; `desk` hands runs to the thread that carries them out; `directory` reads and
-//! writes files under `--dir`; `files` makes cells of them. What a drawing becomes is decided here and never on the page.
+//! writes files under `--dir`; `files` opens them; `rooms` answers about rooms, and `start` makes scenarios. What a drawing
+//! becomes, and whether a room is right, is decided here and never on the page.
 //!
 //! Everything that changes something, or that tells what is in files, needs the secret of the printed address.
 
@@ -13,20 +14,26 @@ mod budget;
 mod desk;
 mod directory;
 mod files;
+mod one_at_a_time;
+mod rooms;
 mod site;
+mod start;
 
 use crate::console::command_error::{BAD_USAGE, CommandError};
 use crate::console::escape::Shown as _;
 use crate::console::interrupt::Interrupt;
 use crate::console::terminal::{self, print_out};
+use crate::scenario::diagnostics::Diagnostics;
 use crate::scenario::mesh_import::error::SolidError;
 use crate::view::access::Token;
 use crate::view::http::{ServerError, serve_site};
 use clap::Args;
 use desk::Desk;
 use directory::Directory;
-use files::{OpenedDrawing, open};
+use files::{Opened, open};
+use rooms::Drawings;
 use site::Studio;
+use std::collections::BTreeMap;
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -41,6 +48,7 @@ Examples:
   metamorph studio                                       draw, and start what you have drawn
   metamorph studio deploy/shapes/chair.toml              open a drawing, a solid or a configuration
   metamorph studio --dir drawings --modules 24           keep drawings in a directory; there are 24 modules
+  metamorph studio deploy/rooms/corner.toml              furnish a room, and start what builds it
 
 Two addresses are printed. The first ends with a secret and permits drawing and starting runs. The second only
 shows the latest run. Both work on this machine only and without a network. `?` on the page lists its keys. Ctrl-C
@@ -54,10 +62,10 @@ Exit codes:
 /// Arguments of `studio`.
 #[derive(Debug, Args)]
 pub struct StudioArgs {
-    /// Drawings (.toml), solids (.stl, .obj), scenes of MagicaVoxel (.vox) or configurations of VisibleSim (.xml) to open
+    /// Drawings or rooms (.toml), solids (.stl, .obj), scenes of MagicaVoxel (.vox) or configurations of VisibleSim (.xml) to open
     #[arg(value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// Read and write drawings in this directory; default: none, the browser downloads and uploads them
+    /// Read and write drawings and rooms in this directory; default: none, the browser downloads and uploads them
     #[arg(long, value_name = "DIR")]
     pub dir: Option<PathBuf>,
     /// The number of modules that there are; the page says when a drawing takes more. Default: any number
@@ -82,6 +90,9 @@ pub enum StudioError {
         /// Its cells.
         cells: usize,
     },
+    /// A room is wrong.
+    #[error("{0}")]
+    Room(Box<Diagnostics>),
     /// The directory.
     #[error("--dir {0}: {1}\n  fix: name a directory that you may read")]
     Directory(String, io::Error),
@@ -104,6 +115,7 @@ impl CommandError for StudioError {
     fn text(&self) -> String {
         match self {
             StudioError::Server(error) => error.text(),
+            StudioError::Room(_) => self.to_string(),
             _ => format!("metamorph: {self}"),
         }
     }
@@ -111,14 +123,17 @@ impl CommandError for StudioError {
 
 /// Opens the studio until a signal asks the program to end.
 pub fn studio(args: &StudioArgs, interrupt: &Interrupt) -> Result<u8, StudioError> {
-    let opened: Vec<OpenedDrawing> = args.files.iter().map(|file| open(file)).collect::<Result<_, _>>()?;
+    let mut given = BTreeMap::new();
+    let opened: Vec<Opened> =
+        args.files.iter().map(|file| open(file, &mut given)).collect::<Result<_, _>>()?;
     let directory = args
         .dir
         .as_ref()
         .map(|path| Directory::open(path).map_err(|error| StudioError::Directory(path.shown(), error)));
-    let (directory, desk, secret) = (directory.transpose()?, Arc::new(Desk::default()), Token::random()?);
+    let drawings = Drawings { given, directory: directory.transpose()?.map(Arc::new) };
+    let (desk, secret) = (Arc::new(Desk::default()), Token::random()?);
     interrupt.begin();
-    let studio = Studio::new(secret.clone(), Arc::clone(&desk), directory, opened, args.modules);
+    let studio = Studio::new(secret.clone(), Arc::clone(&desk), drawings, opened, args.modules);
     let address = serve_site(studio, args.port)?;
     print_out(&format!(
         "open {address}#c={} in a browser\nto only look at what is started, open {address}run/\nCtrl-C ends it",

@@ -4,20 +4,18 @@ use super::VERSION;
 use super::analyses::{Analyses, MAX_CELLS};
 use super::desk::Desk;
 use super::directory::{Directory, DirectoryError};
-use super::files::{OpenedDrawing, open_content};
-use crate::family::{families, read_text};
-use crate::scenario::family::DrawnStructure;
+use super::files::{Opened, OpenedDrawing, open_content};
+use super::rooms::{Drawings, OpenedRoom, Rooms, read_room};
+use super::start::{Start, plan};
+use crate::family::families;
 use crate::scenario::mesh_import::drawing;
-use crate::scenario::{LinkKind, Overrides, Plan};
 use crate::view::access::{AccessCheck, Token};
 use crate::view::http::{Answer, JS, Site, TEXT, json_body, refused};
 use crate::view::server::{LIBRARY, file as file_of_view};
 use hyper::body::{Bytes, Incoming};
 use hyper::{Method, Request, StatusCode};
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::pairing::Pairing;
 use metamorph_protocol::pairing::pins::{self, Pin};
-use metamorph_protocol::pairing::split::{Footing, Split};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
@@ -27,17 +25,20 @@ use std::sync::atomic::AtomicBool;
 
 /// Largest size of the body of a request, in bytes.
 const MAX_BODY: usize = 1 << 20;
-/// Largest number of characters of the name of a drawing.
-const MAX_NAME: usize = 64;
 /// As for the page of a run, which the studio embeds.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; \
                       img-src 'self' data:; frame-src 'self'; base-uri 'none'; form-action 'none'; \
                       frame-ancestors 'self'";
 
 /// The files of the page: name, type and content.
-const FILES: [(&str, &str, &str); 13] = [
+const FILES: [(&str, &str, &str); 18] = [
     ("", "text/html; charset=utf-8", include_str!("page/index.html")),
     ("studio.css", "text/css; charset=utf-8", include_str!("page/studio.css")),
+    ("room.css", "text/css; charset=utf-8", include_str!("page/room.css")),
+    ("room.js", JS, include_str!("page/room.js")),
+    ("room-keys.js", JS, include_str!("page/room-keys.js")),
+    ("room-panel.js", JS, include_str!("page/room-panel.js")),
+    ("plan.js", JS, include_str!("page/plan.js")),
     ("studio.js", JS, include_str!("page/studio.js")),
     ("structure.js", JS, include_str!("page/structure.js")),
     ("cells.js", JS, include_str!("page/cells.js")),
@@ -57,8 +58,9 @@ pub struct Studio {
     secret: Token,
     desk: Arc<Desk>,
     analyses: Arc<Analyses>,
-    directory: Option<Arc<Directory>>,
+    rooms: Rooms,
     opened: Vec<OpenedDrawing>,
+    opened_rooms: Vec<OpenedRoom>,
     modules: Option<u32>,
 }
 
@@ -69,42 +71,17 @@ struct Plain {
     version: u16,
 }
 
-/// A request to build a drawing.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Start {
-    version: u16,
-    name: String,
-    cells: Vec<Cell>,
-    /// Cells that are one module each.
-    #[serde(default)]
-    pins: Vec<Pin>,
-    /// The family that builds it.
-    family: String,
-    /// What carries its messages.
-    link: Link,
-    /// Whether only the scenario is wanted.
-    #[serde(default)]
-    only_scenario: bool,
-}
-
-/// The links, by the names of scenarios and reports.
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(rename_all = "lowercase")]
-enum Link {
-    Ipc,
-    Sim,
-}
-
-/// A request to write a drawing.
+/// A request to write a drawing or a room.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Save {
     version: u16,
     name: String,
-    cells: Vec<Cell>,
+    cells: Option<Vec<Cell>>,
     #[serde(default)]
     pins: Vec<Pin>,
+    /// The text of a room file.
+    room: Option<String>,
     #[serde(default)]
     replace: bool,
 }
@@ -133,7 +110,8 @@ fn read<T: DeserializeOwned>(body: &[u8], version: impl Fn(&T) -> u16) -> Result
     }
 }
 
-fn wrong(why: &str) -> Response {
+/// Refuses what a request says.
+pub fn wrong(why: &str) -> Response {
     refused(StatusCode::UNPROCESSABLE_ENTITY, why)
 }
 
@@ -186,22 +164,32 @@ fn file(name: &str) -> Option<(&'static str, &'static str)> {
 }
 
 impl Studio {
-    /// Creates a studio.
+    /// Creates a studio that begins with what was opened.
     pub fn new(
         secret: Token,
         desk: Arc<Desk>,
-        directory: Option<Directory>,
-        opened: Vec<OpenedDrawing>,
+        drawings: Drawings,
+        all: Vec<Opened>,
         modules: Option<u32>,
     ) -> Studio {
-        let (analyses, directory) = (Arc::default(), directory.map(Arc::new));
-        Studio { secret, desk, analyses, directory, opened, modules }
+        let (mut opened, mut opened_rooms) = (Vec::new(), Vec::new());
+        for one in all {
+            match one {
+                Opened::Drawing(drawing) => opened.push(drawing),
+                Opened::Room(room) => opened_rooms.push(room),
+            }
+        }
+        let (analyses, rooms) = (Arc::default(), Rooms::new(drawings));
+        Studio { secret, desk, analyses, rooms, opened, opened_rooms, modules }
     }
 
     /// Carries out an admitted request.
     async fn carry_out(self: &Arc<Self>, name: &str, body: Bytes) -> Response {
         if name == "analyse" {
             return self.analyses.answer(&body, families()).await;
+        }
+        if name == "room" {
+            return self.rooms.answer(&body).await;
         }
         let (studio, name) = (Arc::clone(self), name.to_owned());
         let carried_out = tokio::task::spawn_blocking(move || match name.as_str() {
@@ -222,20 +210,21 @@ impl Studio {
     /// Says what a page needs to begin with.
     fn begin(&self, body: &[u8]) -> Result<Response, Response> {
         read(body, |p: &Plain| p.version)?;
-        let names = match &self.directory {
+        let names = match &self.rooms.drawings().directory {
             Some(directory) => Some(directory.names().map_err(|error| wrong(&error.to_string()))?),
             None => None,
         };
         Ok(ok(json!({
             "opened": self.opened, "directory": names, "modules": self.modules, "most_cells": MAX_CELLS,
+            "rooms": self.opened_rooms, "room_examples": Rooms::examples(),
             "run": self.desk.latest(),
         })))
     }
 
-    /// Starts a run that builds a drawing.
+    /// Starts a run that builds a drawing or a room.
     fn start(&self, body: &[u8]) -> Result<Response, Response> {
         let start = read(body, |s: &Start| s.version)?;
-        let (text, plan) = plan(&start)?;
+        let (text, plan) = plan(&start, self.rooms.drawings())?;
         if start.only_scenario {
             return Ok(ok(json!({ "scenario": text })));
         }
@@ -255,14 +244,27 @@ impl Studio {
 
     fn save(&self, body: &[u8]) -> Result<Response, Response> {
         let save = read(body, |s: &Save| s.version)?;
-        let cells = checked(&save.cells)?;
         let Some(stem) = save.name.strip_suffix(".toml") else {
-            return Err(wrong("the name of a drawing ends in .toml"));
+            return Err(wrong("the name of a drawing or a room ends in .toml"));
         };
         let directory = self.directory()?;
-        let drawn = cells.iter().copied().collect();
-        let pins = pins::checked(&drawn, &save.pins).map_err(|error| wrong(&error.to_string()))?;
-        let text = drawing::text("studio", Some(stem), &cells, &pins);
+        let text = match (&save.cells, &save.room) {
+            (Some(cells), None) => {
+                let cells = checked(cells)?;
+                let drawn = cells.iter().copied().collect();
+                let pins = pins::checked(&drawn, &save.pins).map_err(|error| wrong(&error.to_string()))?;
+                drawing::text("studio", Some(stem), &cells, &pins)
+            }
+            (None, Some(room)) if save.pins.is_empty() => {
+                // A room that could not be opened where it is written is not written.
+                read_room(room, &|name| self.rooms.drawings().read_in_directory(name))?;
+                room.clone()
+            }
+            _ => {
+                let why = "what is saved has `cells` and `pins`, or `room`";
+                return Err(refused(StatusCode::BAD_REQUEST, why));
+            }
+        };
         match directory.write(&save.name, text.as_bytes(), save.replace) {
             Ok(()) => Ok(ok(json!({ "directory": directory.names().unwrap_or_default() }))),
             Err(error @ DirectoryError::Exists) => Err(refused(StatusCode::CONFLICT, &error.to_string())),
@@ -278,13 +280,15 @@ impl Studio {
             }
             None => self.directory()?.read(&name).map_err(|error| wrong(&error.to_string()))?,
         };
-        let opened = open_content(&name, &content).map_err(|why| wrong(&why))?;
-        Ok(ok(json!({ "opened": opened })))
+        match open_content(&name, &content, self.rooms.drawings()).map_err(|why| wrong(&why))? {
+            Opened::Drawing(drawing) => Ok(ok(json!({ "opened": drawing }))),
+            Opened::Room(room) => Ok(ok(json!({ "room": room }))),
+        }
     }
 
     fn directory(&self) -> Result<&Directory, Response> {
         let none = "there is no directory; start the studio with --dir";
-        self.directory.as_deref().ok_or_else(|| wrong(none))
+        self.rooms.drawings().directory.as_deref().ok_or_else(|| wrong(none))
     }
 }
 
@@ -300,7 +304,7 @@ fn bytes(digits: &str) -> Option<Vec<u8>> {
 }
 
 /// Returns cells in order, each once, if there are some and not too many.
-fn checked(cells: &[Cell]) -> Result<Vec<Cell>, Response> {
+pub fn checked(cells: &[Cell]) -> Result<Vec<Cell>, Response> {
     let cells: BTreeSet<Cell> = cells.iter().copied().collect();
     match cells.len() {
         0 => Err(wrong("there is no cell")),
@@ -309,34 +313,4 @@ fn checked(cells: &[Cell]) -> Result<Vec<Cell>, Response> {
         }
         _ => Ok(cells.into_iter().collect()),
     }
-}
-
-/// Makes a scenario and its plan of a drawing. The text goes through the reader of scenarios, with all its limits.
-fn plan(start: &Start) -> Result<(String, Plan), Response> {
-    let cells = checked(&start.cells)?;
-    let is_plain = |c: char| c.is_alphanumeric() || " -_.".contains(c);
-    if !(1..=MAX_NAME).contains(&start.name.chars().count()) || !start.name.chars().all(is_plain) {
-        return Err(wrong("a name has 1 to 64 letters, digits, spaces, dots, dashes and underscores"));
-    }
-    let pairing = Pairing::pinned(&cells, &start.pins).map_err(|error| wrong(&error.to_string()))?;
-    let standing = match pairing.split(Footing::Floor) {
-        Split::Yes(chains) => chains,
-        _ => Vec::new(),
-    };
-    let drawing =
-        DrawnStructure { name: &start.name, cells: &cells, standing: &standing, why_not_standing: None };
-    let families = families().0;
-    let family = families.iter().find(|family| family.name() == start.family);
-    let text = family.and_then(|family| family.scenario_of(&drawing));
-    let text =
-        text.ok_or_else(|| wrong("no family of this name builds drawings"))?.map_err(|why| wrong(&why))?;
-    let link = match start.link {
-        Link::Ipc => LinkKind::Ipc,
-        Link::Sim => LinkKind::Sim,
-    };
-    let overrides = Overrides { link, ..Overrides::default() };
-    let origin = format!("{}.toml", start.name);
-    let plan =
-        read_text(&origin, &text, &overrides).map_err(|diagnostics| wrong(&diagnostics.to_string()))?;
-    Ok((text, plan))
 }

@@ -53,6 +53,7 @@ export function bindings(page) {
   add("view", "", ["9"], "", () => space.preset("top"));
   add("view", "W A S D with Alt", [], "turn; + and − with Alt: nearer, farther", () => {});
   add("view", "D", ["d"], "light or dark", () => page.nextTheme());
+  add("page", "Q", ["q"], "the room", () => page.showMode("room"));
   add("page", "N", ["n"], "the first page", () => page.welcome());
   add("page", "O", ["o"], "open a file", () => document.getElementById("file").click());
   add("page", "S", ["s"], "save", () => document.getElementById("save").click());
@@ -60,7 +61,7 @@ export function bindings(page) {
   return keys;
 }
 
-/** Makes the keys work, and lists them. @param {any} page @param {Key[]} keys @param {HTMLElement} list */
+/** Makes keys work while `page` is active, and lists them. @param {any} page @param {Key[]} keys @param {HTMLElement} list */
 export function listen(page, keys, list) {
   for (const group of new Set(keys.map((k) => k.group))) {
     const heading = document.createElement("h3");
@@ -78,13 +79,15 @@ export function listen(page, keys, list) {
     const target = /** @type {HTMLElement} */ (event.target);
     if (event.ctrlKey || event.metaKey) {
       const word = event.key.toLowerCase();
-      if (word === "z") event.shiftKey ? page.structure.redo() : page.structure.undo();
-      else if (word === "y") page.structure.redo();
+      if (!page.isActive()) return;
+      if (word === "z") event.shiftKey ? page.redo() : page.undo();
+      else if (word === "y") page.redo();
       else return;
       return event.preventDefault();
     }
-    if (document.querySelector("dialog[open]") || !page.isDrawing() || target.closest("input:not([type=checkbox]):not([type=range]), select")) return;
+    if (document.querySelector("dialog[open]") || !page.isActive() || target.closest("input:not([type=checkbox]):not([type=range]), select")) return;
     if (event.altKey) {
+      if (!page.space) return;
       const turn = turns[event.key.toLowerCase()];
       if (turn) page.space.turn(turn[0], turn[1]);
       else if (event.key === "+" || event.key === "=") page.space.turn(0, 0, 1.15);

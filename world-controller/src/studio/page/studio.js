@@ -3,9 +3,11 @@
 import { buildOrder, key, plus, settled } from "./cells.js";
 import { EXAMPLES, picture } from "./examples.js";
 import { bindings, listen } from "./keys.js";
+import { roomBindings } from "./room-keys.js";
 import { Layer } from "./layer.js";
 import { effectOf, make, many, Panel } from "./panel.js";
 import { Analyst, Server } from "./server.js";
+import { Room } from "./room.js";
 import { Space } from "./space.js";
 import { Structure } from "./structure.js";
 import { TOOLS, Tools } from "./tools.js";
@@ -39,7 +41,9 @@ class Studio {
     this.structure.addEventListener("look", () => this.look());
     this.pointer();
     this.buttons();
+    this.room = new Room(this);
     listen(this, bindings(this), $("keylist"));
+    listen(this.room, roomBindings(this.room), $("room-keylist"));
     this.setTool(0);
     // On a small screen it would hide the drawing.
     if (innerWidth <= 600) $("flat").click();
@@ -55,7 +59,10 @@ class Studio {
     }
     this.stock = first.modules;
     this.directory(first.directory);
-    if (first.opened.length) {
+    this.room.cards(first.room_examples);
+    for (const room of first.rooms.slice(1)) Object.assign(this.room, room).remember();
+    if (first.rooms.length) this.room.open(first.rooms[0]);
+    else if (first.opened.length) {
       for (const drawing of first.opened) this.remember({ ...settled(drawing), name: drawing.name });
       this.opened(first.opened[0]);
     } else this.welcome();
@@ -69,8 +76,31 @@ class Studio {
     $("keys").scrollTop = 0;
   }
   /** True while keys are for the drawing. */
-  isDrawing() {
-    return $("run").hidden;
+  isActive() {
+    return $("run").hidden && !(this.room.isOpen && $("welcome").hidden);
+  }
+  /** Shows the drawing or the room. */
+  showMode(mode) {
+    const inRoom = mode === "room";
+    [$("drawing").hidden, $("room").hidden, $("welcome").hidden] = [inRoom, !inRoom, true];
+    $("to-drawing").setAttribute("aria-pressed", String(!inRoom));
+    $("to-room").setAttribute("aria-pressed", String(inRoom));
+    for (const [id, hidden] of [["keylist", inRoom], ["mouse-drawing", inRoom], ["room-keylist", !inRoom], ["mouse-room", !inRoom]]) $(id).hidden = hidden;
+    $("name").value = inRoom ? this.room.name : this.structure.name;
+    this.note("");
+    if (!inRoom) return this.look();
+    if (this.room.room) this.room.panel.show(this.room.room);
+    else if (!this.room.text) $("room-cards").lastElementChild?.click();
+  }
+  /** What undo, redo and save are about. */
+  get active() {
+    return this.room.isOpen ? this.room : this.structure;
+  }
+  undo() {
+    this.structure.undo();
+  }
+  redo() {
+    this.structure.redo();
   }
   note(text) {
     $("note").textContent = text;
@@ -292,8 +322,10 @@ class Studio {
     const chosen = [["copy", () => tools.copy()], ["paste", () => tools.paste()], ["turn", () => tools.turnChosen()], ["mirror", () => tools.flipChosen(0)], ["remove", () => tools.removeChosen()], ["none", () => this.escape()]];
     $("chosen-buttons").append(...chosen.map(([text, onclick]) => make("button", { type: "button", onclick }, text)));
     const click = (id, act) => $(id).addEventListener("click", act);
-    click("undo", () => structure.undo());
-    click("redo", () => structure.redo());
+    click("undo", () => this.active.undo());
+    click("redo", () => this.active.redo());
+    click("to-drawing", () => this.showMode("drawing"));
+    click("to-room", () => this.showMode("room"));
     click("new", () => this.welcome());
     click("theme", () => this.nextTheme());
     click("help", () => this.showKeys());
@@ -312,7 +344,10 @@ class Studio {
     click("stop", () => this.server.post("stop"));
     $("mode").addEventListener("change", () => this.setMode($("mode").value));
     $("order").addEventListener("input", () => this.setShown(0));
-    $("name").addEventListener("change", () => (structure.name = $("name").value || "drawing"));
+    $("name").addEventListener("change", () => {
+      const inRoom = this.room.isOpen;
+      (inRoom ? this.room : structure).name = $("name").value || (inRoom ? "room" : "drawing");
+    });
     $("file").addEventListener("change", () => this.import($("file").files[0]));
     $("build").addEventListener("submit", (event) => {
       event.preventDefault();
@@ -333,10 +368,11 @@ class Studio {
   }
   close() {
     $("welcome").hidden = true;
-    $("space").focus();
+    if (!this.room.isOpen) $("space").focus();
   }
   opened({ name, cells, pins, note }) {
     if (this.structure.cells.size) this.remember();
+    this.showMode("drawing");
     const drawing = settled({ cells, pins });
     this.structure.open(drawing.cells, name, drawing.pins);
     $("name").value = name;
@@ -352,13 +388,15 @@ class Studio {
     this.take(await this.server.post("open", { name: file.name.replace(/[^A-Za-z0-9._-]/g, "-").replace(/^\.+/, ""), content }));
   }
   take(answer) {
-    if (answer.result === "done") this.opened(answer.opened);
+    if (answer.result === "done") answer.room ? this.room.open(answer.room) : this.opened(answer.opened);
     else this.note(answer.why);
   }
   directory(names) {
     this.hasDirectory = names !== null && names !== undefined;
     const row = (name) => make("li", {}, make("button", { type: "button", className: "link", onclick: async () => this.take(await this.server.post("open", { name })) }, name));
-    $("files").replaceChildren(...(names ?? []).filter((n) => /\.(toml|stl|obj|xml|vox)$/i.test(n)).map(row));
+    /** What may be drawings, for rooms. */
+    this.drawings = (names ?? []).filter((n) => n.endsWith(".toml"));
+    for (const id of ["files", "room-files"]) $(id).replaceChildren(...(names ?? []).filter((n) => /\.(toml|stl|obj|xml|vox)$/i.test(n)).map(row));
   }
   fileName() {
     return this.structure.name.replace(/[^A-Za-z0-9_-]+/g, "-").replace(/^-+/, "") || "drawing";
@@ -444,6 +482,7 @@ class Studio {
       if (!run.going) {
         this.going = false;
         $("start").disabled = !$("family").value;
+        this.room.panel.settled();
         return;
       }
       await new Promise((done) => setTimeout(done, 250));
@@ -451,7 +490,7 @@ class Studio {
   }
   showDrawing() {
     $("run").hidden = true;
-    $("space").focus();
+    if (!this.room.isOpen) $("space").focus();
     $("note").hidden = true;
     if (!this.going) return;
     this.note("the run goes on");
@@ -464,4 +503,5 @@ const studio = new Studio();
 // For tests, and for people who look.
 window.studio = studio;
 studio.listRecent();
+studio.room.listRecent();
 studio.begin();
