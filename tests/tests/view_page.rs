@@ -121,6 +121,31 @@ fn commands_have_fields_for_their_parameters() {
     check_clean(&mut browser, &view);
 }
 
+/// The level of autonomy disables what it refuses, and the page says why.
+#[test]
+fn commands_that_the_level_refuses_cannot_be_pressed() {
+    let Some(program) = find() else {
+        return println!("skipped: there is no chromium or chrome on this machine");
+    };
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("full.toml");
+    let chair = fs::read_to_string(scenario("chair.toml")).unwrap();
+    fs::write(&file, chair + "\n[operator]\nkind = \"person\"\nlevel = \"full\"\n").unwrap();
+    let options = ["--link", "sim", "--time-scale", "1", "--view", "--control", "--quiet"];
+    let view = View::start(&[&["run", file.to_str().unwrap()], &options[..]].concat());
+    let mut browser = Browser::start(program);
+    browser.open(&format!("{}#c={}", view.address, view.secret));
+    browser.until("document.body.dataset.state === 'paused'");
+    choose(&mut browser, 1);
+    let disabled = |verb: &str| format!("document.querySelector('[data-command={verb}]').disabled");
+    for (verb, expected) in [("hold", true), ("release", true), ("kill", false), ("loss", false)] {
+        assert_eq!(browser.evaluate(&disabled(verb)), json!(expected), "{verb}");
+    }
+    assert!(text(&mut browser, "#commands .refused").contains("level = \"full\""));
+    assert_eq!(browser.evaluate(include_str!("../src/contrast.js")), json!([]));
+    check_clean(&mut browser, &view);
+}
+
 /// Requests of the swarm are shown with the time left, and answered with a key and by a button.
 #[test]
 fn requests_of_a_swarm_are_shown_and_answered() {

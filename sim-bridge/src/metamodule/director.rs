@@ -32,6 +32,7 @@ use plan_execution::PlanExecution;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
+pub use injection::refused_at;
 pub use plan_execution::{PLANNING_RATE, PlanCounts};
 
 /// What is known of a metamodule.

@@ -13,6 +13,7 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::Span;
 use metamorph_sim_bridge::director::faults::{Target, WorldFault};
+use metamorph_sim_bridge::director::operator::Level;
 use serde_json::Value;
 use std::any::Any;
 use std::fmt;
@@ -215,6 +216,10 @@ pub trait SwarmPlan: Any + fmt::Debug + Send + Sync {
     /// Returns false if all such commands would be refused or have no effect.
     fn heeds(&self, _: &WorldFault) -> bool {
         true
+    }
+    /// Returns why the level of autonomy refuses all commands with this verb; `None` if it does not.
+    fn refused_at(&self, _: Level, _verb: &str) -> Option<String> {
+        None
     }
     /// Writes its description for `metamorph check`.
     fn describe(&self, plan: &Plan, out: &mut String) -> fmt::Result;

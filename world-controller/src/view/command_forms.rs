@@ -38,6 +38,8 @@ pub struct CommandForm {
     parameters: Vec<Parameter>,
     /// What it does, in a few words.
     about: &'static str,
+    /// Why the level of autonomy refuses it whatever its parameters are; none if it does not.
+    refused: Option<String>,
 }
 
 type Row = (&'static str, &'static [Parameter], &'static str);
@@ -74,12 +76,15 @@ pub fn of(plan: &Plan, family: &dyn ScenarioFamily) -> Vec<CommandForm> {
         of_module,
         parameters: parameters.to_vec(),
         about,
+        refused: None,
     };
     let steering = STEERING.into_iter().filter(|(verb, ..)| plan.swarm.steering().contains(verb));
     let to_module = OF_MODULE.into_iter().chain(steering).map(|row| form(row, true));
     let to_world =
         family.commanded_to_world().into_iter().filter(|kind| plan.swarm.heeds(kind)).map(of_world);
-    to_module.chain(to_world).chain(OF_LINKS.into_iter().map(|row| form(row, false))).collect()
+    let all = to_module.chain(to_world).chain(OF_LINKS.into_iter().map(|row| form(row, false)));
+    let level = plan.operator.map(|operator| operator.level()).unwrap_or_default();
+    all.map(|form| CommandForm { refused: plan.swarm.refused_at(level, form.verb), ..form }).collect()
 }
 
 fn of_world(kind: &'static WorldFault) -> CommandForm {
@@ -90,7 +95,7 @@ fn of_world(kind: &'static WorldFault) -> CommandForm {
         Form::Word(words) => vec![Words(words)],
         Form::Nothing => Vec::new(),
     };
-    CommandForm { verb: kind.name, of_module: false, parameters, about: kind.about }
+    CommandForm { verb: kind.name, of_module: false, parameters, about: kind.about, refused: None }
 }
 
 #[cfg(test)]
@@ -148,5 +153,29 @@ mod tests {
         assert_eq!(verbs(&metamodules("negotiated")), [&steered[..], &world, &last, &links].concat());
         assert_eq!(verbs(&metamodules("slope")), [&steered[..], &world, &["tune"], &last, &links].concat());
         assert_eq!(verbs(&metamodules("planned")), [&own[..], &world[..3], &last[..2], &links].concat());
+    }
+
+    #[test]
+    fn what_the_level_refuses_is_named() {
+        let goals = ["goal.move", "goal.set", "tune", "goal.turn", "goal.order", "goal.drop"];
+        let steered = ["hold", "goto", "take", "swap"];
+        for (level, refused) in [
+            ("shared", [].to_vec()),
+            ("full", [&steered[..], &["release"]].concat()),
+            ("safe", goals.to_vec()),
+            ("teleoperation", [&["release"], &goals[..]].concat()),
+        ] {
+            let text = format!(
+                "version = 1\n[swarm]\nfamily = \"metamodule\"\nkind = \"SRS\"\ncount = 5\n\
+                 floor = {{ min = [0, 0], max = [12, 12] }}\n[[goal]]\nshape = {{ box = [5, 5] }}\n\
+                 [protocol]\nstrategy = \"slope\"\n[operator]\nkind = \"person\"\nlevel = \"{level}\"\n"
+            );
+            let plan =
+                read_text("levels.toml", &text, &Overrides::default()).unwrap_or_else(|e| panic!("{e}"));
+            let forms = of(&plan, family_of(&plan));
+            let refusals: Vec<_> = forms.iter().filter_map(|f| Some((f.verb, f.refused.as_ref()?))).collect();
+            assert_eq!(refusals.iter().map(|(verb, _)| *verb).collect::<Vec<_>>(), refused, "{level}");
+            assert!(refusals.iter().all(|(_, why)| why.contains(level)), "{refusals:?}");
+        }
     }
 }

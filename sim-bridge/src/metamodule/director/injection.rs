@@ -262,11 +262,8 @@ impl MetamoduleDirector {
     /// # Errors
     /// If there is one.
     pub(super) fn rule(&self, now: Time, fault: &Fault) -> Result<(), String> {
-        let allowing = levels_of(fault);
-        if !allowing.contains(&self.level) {
-            let names: Vec<String> = allowing.iter().map(|level| format!("`{}`", level.name())).collect();
-            let (own, names) = (self.level.name(), names.join(" or "));
-            return Err(format!("level: [operator] has `level = \"{own}\"`; this command needs {names}"));
+        if let Some(refusal) = refusal(self.level, levels_of(fault)) {
+            return Err(refusal);
         }
         match *fault {
             Fault::Steer(id, Wish::Swap(other)) => self.rule_of_swap(now, id, other),
@@ -371,15 +368,42 @@ impl MetamoduleDirector {
     }
 }
 
-/// Returns the levels of autonomy at which a command is taken. Faults are of the experiment and no matter of levels.
+/// The levels at which commands are taken: `release`, others to one metamodule, those about what is built, since that is
+/// their own affair only if they move by themselves, and what is of the experiment and no matter of levels.
+const OF_RELEASE: &[Level] = &[Level::Safe, Level::Shared];
+const OF_STEERING: &[Level] = &[Level::Teleoperation, Level::Safe, Level::Shared];
+const OF_GOALS: &[Level] = &[Level::Shared, Level::Full];
+const OF_FAULTS: &[Level] = &[Level::Teleoperation, Level::Safe, Level::Shared, Level::Full];
+
+/// Returns the levels of autonomy at which a command is taken.
 fn levels_of(fault: &Fault) -> &'static [Level] {
     match fault {
-        Fault::Steer(_, Wish::Release) => &[Level::Safe, Level::Shared],
-        Fault::Steer(..) => &[Level::Teleoperation, Level::Safe, Level::Shared],
-        // What they build is their own affair only if they move by themselves.
-        Fault::World(kind, _) if COMMANDS.contains(kind) => &[Level::Shared, Level::Full],
-        _ => &[Level::Teleoperation, Level::Safe, Level::Shared, Level::Full],
+        Fault::Steer(_, Wish::Release) => OF_RELEASE,
+        Fault::Steer(..) => OF_STEERING,
+        Fault::World(kind, _) if COMMANDS.contains(kind) => OF_GOALS,
+        _ => OF_FAULTS,
     }
+}
+
+/// Returns why a level refuses commands that these levels allow.
+fn refusal(own: Level, allowing: &[Level]) -> Option<String> {
+    if allowing.contains(&own) {
+        return None;
+    }
+    let names: Vec<String> = allowing.iter().map(|level| format!("`{}`", level.name())).collect();
+    let (own, names) = (own.name(), names.join(" or "));
+    Some(format!("level: [operator] has `level = \"{own}\"`; this command needs {names}"))
+}
+
+/// Returns why a level refuses all commands with this verb, for those who offer commands; `None` if it does not.
+pub fn refused_at(level: Level, verb: &str) -> Option<String> {
+    let allowing = match verb {
+        "release" => OF_RELEASE,
+        _ if Wish::VERBS.contains(&verb) => OF_STEERING,
+        _ if COMMANDS.iter().any(|kind| kind.name == verb) => OF_GOALS,
+        _ => OF_FAULTS,
+    };
+    refusal(level, allowing)
 }
 
 /// Returns parameters of which one has the value that a word such as `strategy=slope` says. `None` if it says none.

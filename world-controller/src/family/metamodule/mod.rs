@@ -42,7 +42,9 @@ use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::metamodule::start::draw_start;
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::faults::{Target, WorldFault};
+use metamorph_sim_bridge::director::operator::Level;
 use metamorph_sim_bridge::director::steering::Steering;
+use metamorph_sim_bridge::metamodule::director::refused_at;
 use metamorph_sim_bridge::metamodule::faults::{COMMANDS, DROP, GOAL_DROPPED, GOAL_SET, GOAL_TURNED, TUNED};
 use scenario::RawMetamodules;
 use std::fmt;
@@ -185,6 +187,9 @@ impl SwarmPlan for Metamodules {
             Strategy::Planned => &[],
             _ => &Steering::VERBS,
         }
+    }
+    fn refused_at(&self, level: Level, verb: &str) -> Option<String> {
+        refused_at(level, verb)
     }
     fn heeds(&self, kind: &WorldFault) -> bool {
         let strategy = self.setup.params.strategy;

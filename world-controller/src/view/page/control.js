@@ -56,22 +56,26 @@ export class Control {
 
   /**
    * Makes the buttons: those to one module, which `chosen` returns, and those to the run.
-   * @param {{ verb: string, of_module: boolean, parameters: any[], about: string }[]} commands
+   * Those that the level of autonomy refuses cannot be pressed, and the reason is below them.
+   * @param {{ verb: string, of_module: boolean, parameters: any[], about: string, refused: string | null }[]} commands
    * @param {() => number | null} chosen
    */
   show(commands, chosen) {
-    const button = ({ verb, of_module, parameters, about }) => {
+    const button = ({ verb, of_module, parameters, about, refused }) => {
       const all = parameters.map((kind) => parameter(kind, verb));
       const give = (event) => {
         event.preventDefault();
         this.give([verb, ...(of_module ? [chosen()] : []), ...all.map((one) => one.text())].join(" "));
       };
-      const press = make("button", { type: "submit", title: about, "data-command": verb }, verb);
+      const press = make("button", { type: "submit", title: refused ?? about, "data-command": verb }, verb);
+      if (refused) for (const name of ["disabled", "data-refused"]) press.toggleAttribute(name, true);
       return make("form", { class: "command", onsubmit: give }, press, ...all.flatMap((one) => one.fields));
     };
     for (const [place, title, of_module] of /** @type {[string, string, boolean][]} */ ([["commands", "commands", true], ["run-commands", "commands to the run", false]])) {
       const own = commands.filter((command) => command.of_module === of_module).map(button);
-      by(place).replaceChildren(make(of_module ? "h3" : "h2", {}, title), make("div", { class: "commands" }, ...own));
+      const refused = commands.filter((command) => command.of_module === of_module && command.refused);
+      const why = [...new Set(refused.map((command) => command.refused))].map((reason) => make("p", { class: "soft refused" }, `${refused.filter((command) => command.refused === reason).map((command) => command.verb).join(", ")}: ${reason}`));
+      by(place).replaceChildren(make(of_module ? "h3" : "h2", {}, title), make("div", { class: "commands" }, ...own), ...why);
       by(place).hidden = !own.length;
     }
     by("answer").hidden = false;

@@ -199,7 +199,7 @@ export class Panel {
     ].filter(([, value]) => value !== null);
     section.dataset.id = id;
     section.dataset.life = life;
-    for (const button of document.querySelectorAll("[data-command]")) button.toggleAttribute("disabled", story.over);
+    for (const button of document.querySelectorAll("[data-command]:not([data-refused])")) button.toggleAttribute("disabled", story.over);
     const name = `${words.module} ${id}`;
     if (this.part("module-name").textContent !== name) this.part("module-name").textContent = name;
     this.part("module").replaceChildren(...facts.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))));
