@@ -46,6 +46,10 @@ pub enum Defect {
     LetGoOldDeath,
     /// Cubes: a module lets go of a dead neighbour after an announcement that belongs to another goal.
     EpochWords,
+    /// Cubes: a cycle does not keep a dead neighbour of the mover connected.
+    IgnoreDead,
+    /// Cubes: a neighbour that died finalized for an earlier goal counts as one of the present goal.
+    RootOfOldGoal,
     /// Metamodules: every request is granted.
     GrantEverything,
     /// Metamodules and free modules: no other module is asked for its consent.
@@ -123,7 +127,7 @@ impl HostLinkDefect {
 
 impl Defect {
     /// All defects.
-    pub const ALL: [Defect; 28] = [
+    pub const ALL: [Defect; 30] = [
         Defect::IgnoreSessions,
         Defect::NoDeadline,
         Defect::ShortLease,
@@ -142,6 +146,8 @@ impl Defect {
         Defect::ForgetSaid,
         Defect::LetGoOldDeath,
         Defect::EpochWords,
+        Defect::IgnoreDead,
+        Defect::RootOfOldGoal,
         Defect::GrantEverything,
         Defect::AskNone,
         Defect::ForgetLocks,

@@ -106,6 +106,8 @@ known_defects! {
     finds_shallow_searches: CUBE, ShallowSearch, 400;
     finds_stale_distances: CUBE, AcceptStaleValues, 400, from 401;
     finds_walled_in_cells: CUBE, AnyLowerOnSolids, 2_000;
+    finds_forgotten_dead: CUBE, IgnoreDead, 400;
+    finds_roots_of_an_old_goal: CUBE, RootOfOldGoal, 100, from 201;
     finds_holders_without_proof: CUBE, LetGoUnproved, 400;
     finds_children_taken_for_proof: CUBE, ChildProves, 100, from 4_301;
     finds_careless_grants: METAMODULE, GrantEverything, 60;
@@ -164,6 +166,20 @@ fn seeds_are_filled_out_of_order() {
 fn a_wedged_goal_is_moved_again() {
     let file = "tests/corpus/metamodule-wedged-on-the-first-seed.toml";
     assert_eq!(simulated(&root().join(file)).verdict, Verdict::Built);
+}
+
+/// Swarms of cubes that stood still for the sake of the dead, or of what was built, go on.
+#[test]
+fn swarms_go_on_past_the_dead_and_what_is_built() {
+    for (file, mark) in [
+        ("walled-in-by-what-is-built", CoveragePoint::CubeReopened),
+        ("from-a-dead-module-onto-another", CoveragePoint::CubeCarries),
+        ("held-for-a-dead-module", CoveragePoint::CubeFoundDead),
+    ] {
+        let ran = simulated(&root().join(format!("tests/corpus/{file}.toml")));
+        assert_eq!(ran.verdict, Verdict::Built, "{file}");
+        assert!(ran.marks.has(mark), "{file}");
+    }
 }
 
 /// Scenarios that failed once do not fail any more.

@@ -2,39 +2,47 @@
 //! attraction field ends at dead modules, since they pass no distances on; a called module walks past them.
 //!
 //! A call replaces only the choice of the motion. A module in reserve leaves only if it may, and every motion needs the
-//! locks that it always needs. A dead module grants none and needs none, because it does not leave: a motion over it starts
-//! by consent of nobody if it lands on the same module, or on one that stays for good. The controller vouches for the
-//! latter ([`Step::lands_on_fixed`]): a module that was reported finalized for this goal never leaves in it.
+//! locks that it always needs. A dead module grants none and needs none, because it does not leave; nor does it pass on a
+//! request to the module that a motion over it lands on. So the controller vouches for that one ([`Step::is_vouched`]): it
+//! was reported finalized for this goal and never leaves in it; or it is dead, and listens before it moves if it is started
+//! again; or it has granted the controller what the mover would have asked for ([`Order::Carry`]). A call with such a grant
+//! ends before the grant does, and the mover starts no later than the call ends.
+//!
+//! [`Order::Carry`]: super::control::Order::Carry
 
 use super::Cube;
-use super::message::Role;
+use super::epoch::Epoch;
+use super::message::{Ask, RequestId, Role};
 use crate::coverage::{CoveragePoint, hit};
+use crate::ids::{ModuleId, Token};
 use crate::lattice::{Cell, Face, Motion, MotionKind};
-use crate::time::Time;
+use crate::time::{Span, Time};
 use crate::wire::{Decoder, Encoder, WireError};
 
 /// The largest number of steps of a way; a longer one is called in parts.
 pub const MAX_STEPS: usize = 56;
+/// The number of a request that the controller makes for a called module; modules count theirs from zero and never get there.
+const CARRY: u8 = u8::MAX;
 
 /// One motion of a way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Step {
     /// The motion.
     pub motion: Motion,
-    /// True if the module that it lands on was finalized for the goal of the call, and so never leaves.
-    pub lands_on_fixed: bool,
+    /// True if the module that it lands on stays at least until the call ends and the move is over.
+    pub is_vouched: bool,
 }
 
 impl Step {
     fn pack(self) -> u8 {
         let Motion { kind, support, heading } = self.motion;
-        (kind as u8) | (support as u8) << 1 | (heading as u8) << 4 | u8::from(self.lands_on_fixed) << 7
+        (kind as u8) | (support as u8) << 1 | (heading as u8) << 4 | u8::from(self.is_vouched) << 7
     }
     fn unpack(byte: u8) -> Option<Step> {
         let kind = if byte & 1 == 0 { MotionKind::Slide } else { MotionKind::Convex };
         let (support, heading) = (Face::from_index(byte >> 1 & 7)?, Face::from_index(byte >> 4 & 7)?);
         heading.slot_in(support)?;
-        Some(Step { motion: Motion { kind, support, heading }, lands_on_fixed: byte & 0x80 != 0 })
+        Some(Step { motion: Motion { kind, support, heading }, is_vouched: byte & 0x80 != 0 })
     }
 }
 
@@ -113,7 +121,7 @@ impl Called {
 
 impl Cube {
     /// Takes a call, if the module stands where it begins. It replaces the call before.
-    pub(super) fn on_call(&mut self, now: Time, epoch: u16, until: Time, way: Way) {
+    pub(super) fn on_call(&mut self, now: Time, epoch: Epoch, until: Time, way: Way) {
         let fits = epoch == self.own.epoch && way.from() == self.own.cell && self.moving.is_none();
         if !fits || until <= now || self.own.role == Role::Final {
             return;
@@ -124,6 +132,27 @@ impl Cube {
         self.called = Some(Box::new(Called { until, way, made: 0 }));
         self.touch();
         self.decide_soon(now);
+    }
+
+    /// Grants the controller that this module stays and keeps the cell outside a face free for a called module.
+    pub(super) fn on_carry(&mut self, now: Time, mover: ModuleId, token: Token, face: Face) {
+        let id = RequestId { origin: mover, token, number: CARRY };
+        if self.consider(now, id, Span(u64::MAX), (None, true), Ask::Reserve(face)).is_ok() {
+            hit(CoveragePoint::CubeCarries);
+            self.locks.granted_beyond(id, 0);
+        }
+    }
+
+    /// Returns the called module for which this one stays and keeps a cell free.
+    pub(super) fn carries_for_call(&self) -> Option<ModuleId> {
+        self.locks.iter().find(|lock| lock.id.number == CARRY).map(|lock| lock.id.origin)
+    }
+
+    /// Returns the latest start of a motion that is asked for now.
+    pub(super) fn latest_start(&self, now: Time, motion: Motion) -> Time {
+        let latest = now + self.own.params().start_within();
+        let is_vouched = self.sides.is_certified_dead(motion.support);
+        self.call_ends().filter(|_| is_vouched).map_or(latest, |ends| ends.min(latest))
     }
 
     /// Forgets a call that is over.
@@ -157,7 +186,7 @@ impl Cube {
     pub(super) fn called_motion(&self) -> Option<Motion> {
         let step = self.called.as_ref()?.next()?;
         let motion = step.motion;
-        let is_certain = motion.kind == MotionKind::Convex || step.lands_on_fixed;
+        let is_certain = motion.kind == MotionKind::Convex || step.is_vouched;
         let needs_none = self.sides.is_certified_dead(motion.support) && is_certain;
         (needs_none || self.sides.support(motion.support).is_some()).then_some(motion)
     }
@@ -171,16 +200,32 @@ mod tests {
     use crate::cube::params::{Params, Setup};
     use crate::goal::{Goal, Growth};
     use crate::ids::{Port, Session};
-    use crate::time::Span;
     use crate::wire::{HEADER, PAYLOAD, Wire};
 
-    fn step(kind: MotionKind, lands_on_fixed: bool) -> Step {
-        Step { motion: Motion { kind, support: Face::Down, heading: Face::East }, lands_on_fixed }
+    const HERE: Epoch = Epoch::first(0);
+
+    fn step(kind: MotionKind, is_vouched: bool) -> Step {
+        Step { motion: Motion { kind, support: Face::Down, heading: Face::East }, is_vouched }
     }
 
     /// Returns the first motion of a module in reserve at the origin that touches one dead module only, below it,
     /// and is called over it.
-    fn first_motion(is_certified: bool, step: Step, epoch: u16, from: Cell) -> Option<Motion> {
+    fn first_motion(is_certified: bool, step: Step, epoch: Epoch, from: Cell) -> Option<Motion> {
+        first_action(is_certified, step, epoch, from, Span::secs(99)).map(|action| action.motion)
+    }
+
+    /// Returns the latest start of the first motion of a module called for this long.
+    fn latest_start(step: Step, lasts: Span) -> Time {
+        first_action(true, step, HERE, Cell::default(), lasts).unwrap().not_after
+    }
+
+    fn first_action(
+        is_certified: bool,
+        step: Step,
+        epoch: Epoch,
+        from: Cell,
+        lasts: Span,
+    ) -> Option<super::super::Move> {
         let seed = Cell::new(0, 9, 0);
         let goal = Goal::compile(&[seed, Cell::new(0, 10, 0)], seed, Growth::Solid).unwrap();
         let params = Params::scaled(Span::secs(1), Span::millis(10), 100);
@@ -191,13 +236,13 @@ mod tests {
             let died = Time::ZERO + Span::secs(1);
             cube.handle(
                 now,
-                Input::Order(Order::Condemn { port, session, epoch: 0, finalized: false, died }),
+                Input::Order(Order::Condemn { port, session, epoch: HERE, finalized: false, died }),
             );
         }
         let way = Way::new(from, &[step]).unwrap();
-        cube.handle(now, Input::Order(Order::Call { epoch, until: now + Span::secs(99), way }));
+        cube.handle(now, Input::Order(Order::Call { epoch, until: now + lasts, way }));
         std::iter::from_fn(|| cube.poll()).find_map(|output| match output {
-            Output::Act(action) => Some(action.motion),
+            Output::Act(action) => Some(action),
             _ => None,
         })
     }
@@ -206,12 +251,44 @@ mod tests {
     fn a_motion_over_the_dead_needs_a_certificate_and_a_landing_that_stays() {
         let (around, onto) = (step(MotionKind::Convex, false), step(MotionKind::Slide, true));
         let here = Cell::default();
-        assert_eq!(first_motion(true, around, 0, here), Some(around.motion));
-        assert_eq!(first_motion(true, onto, 0, here), Some(onto.motion));
-        assert_eq!(first_motion(true, step(MotionKind::Slide, false), 0, here), None);
-        assert_eq!(first_motion(false, around, 0, here), None, "the neighbour may be alive");
-        assert_eq!(first_motion(true, around, 1, here), None, "the call is for another goal");
-        assert_eq!(first_motion(true, around, 0, Cell::new(0, 0, 1)), None, "it begins elsewhere");
+        assert_eq!(first_motion(true, around, HERE, here), Some(around.motion));
+        assert_eq!(first_motion(true, onto, HERE, here), Some(onto.motion));
+        assert_eq!(first_motion(true, step(MotionKind::Slide, false), HERE, here), None);
+        assert_eq!(first_motion(false, around, HERE, here), None, "the neighbour may be alive");
+        assert_eq!(first_motion(true, around, HERE.next_goal(), here), None, "the call is for another goal");
+        assert_eq!(first_motion(true, around, HERE, Cell::new(0, 0, 1)), None, "it begins elsewhere");
+    }
+
+    /// A module that is asked to carry a called one stays and keeps the cell free, and says so.
+    #[test]
+    fn carriers_stay_until_their_grant_ends() {
+        let seed = Cell::new(0, 9, 0);
+        let goal = Goal::compile(&[seed, Cell::new(0, 10, 0)], seed, Growth::Solid).unwrap();
+        let params = Params::scaled(Span::secs(1), Span::millis(10), 100);
+        let lasts = params.keep_for();
+        let mut cube = Cube::first(Setup { params, goals: vec![goal] });
+        let (mover, token, face, now) = (ModuleId(4), Token(1), Face::Up, Time::ZERO + Span::secs(9));
+        let mut carries = |now, input| {
+            cube.handle(now, input);
+            let reports = std::iter::from_fn(|| cube.poll()).filter_map(|output| match output {
+                Output::Report(status) => Some(status.carries),
+                _ => None,
+            });
+            (reports.last(), cube.locks.reserved_for_other(face, ModuleId(5)))
+        };
+        let order = |epoch| Input::Order(Order::Carry { epoch, mover, token, face });
+        assert_eq!(carries(now, order(HERE.next_goal())), (Some(None), None), "it is for another goal");
+        assert_eq!(carries(now, order(HERE)), (Some(Some(mover)), Some(mover)));
+        assert_eq!(carries(now + lasts, Input::Wake), (Some(None), None));
+    }
+
+    /// A motion onto a module that the controller has asked starts before that module's grant ends, or not at all.
+    #[test]
+    fn a_vouched_motion_starts_before_the_call_ends() {
+        let step = step(MotionKind::Slide, true);
+        let until = |lasts| latest_start(step, Span::secs(lasts)).since(Time::ZERO + Span::secs(9));
+        assert_eq!(until(2), Span::secs(2));
+        assert!((Span::secs(2)..Span::secs(99)).contains(&until(99)), "it is the end of its own locks");
     }
 
     #[test]
@@ -221,10 +298,10 @@ mod tests {
         assert_eq!(way.steps().collect::<Vec<Step>>(), steps);
         assert_eq!(Way::new(Cell::default(), &[]), None);
         assert_eq!(Way::new(Cell::default(), &[steps[0]; MAX_STEPS + 1]), None);
-        let order = Order::Call { epoch: 1, until: Time(2), way };
+        let order = Order::Call { epoch: HERE, until: Time(2), way };
         assert!(order.wire_len() <= HEADER + PAYLOAD);
         // A heading along the support is no motion.
         let motion = Motion { heading: Face::Down, ..steps[0].motion };
-        assert_eq!(Step::unpack(Step { motion, lands_on_fixed: false }.pack()), None);
+        assert_eq!(Step::unpack(Step { motion, is_vouched: false }.pack()), None);
     }
 }

@@ -2,6 +2,7 @@
 //! a difference on purpose, to show that the comparison detects it.
 
 use super::control::Order;
+use super::epoch::Epoch;
 use super::message::{Beacon, Claim, Entry, Message, Rank, Role};
 use super::params::{Params, Setup};
 use super::{Cube, Percept};
@@ -15,7 +16,7 @@ fn beacon(sequence: u32, distance: u16) -> Beacon {
     Beacon {
         id: ModuleId(1),
         sequence,
-        epoch: 0,
+        epoch: Epoch::first(0),
         role: Role::Reserve,
         attached: true,
         immobile: false,

@@ -1,9 +1,10 @@
 //! Orders of the world-controller to a cube, and reports of a cube to it.
 
 use super::call::Way;
+use super::epoch::{Epoch, Opening};
 use super::message::{NO_MODULE, Role};
 use super::steering::Steering;
-use crate::ids::{ModuleId, Port, Session};
+use crate::ids::{ModuleId, Port, Session, Token};
 use crate::lattice::{Cell, Face};
 use crate::time::Time;
 use crate::wire::{Decoder, Encoder, Wire, WireError};
@@ -12,10 +13,7 @@ use crate::wire::{Decoder, Encoder, Wire, WireError};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Order {
     /// Work for this goal from now on.
-    Goal {
-        /// The index of the goal in the list of goals.
-        epoch: u16,
-    },
+    Goal(Opening),
     /// The module at this contact is certified dead: its process has been stopped for good, it is not merely
     /// silent.
     Condemn {
@@ -23,9 +21,9 @@ pub enum Order {
         port: Port,
         /// The session of the contact.
         session: Session,
-        /// The latest goal that it can have worked for.
-        epoch: u16,
-        /// True if it was finalized in that goal: it stays for good, and so does all that it hangs on.
+        /// The latest epoch that it can have worked in.
+        epoch: Epoch,
+        /// True if it was finalized in that epoch: it stays for good, and so does all that it hangs on.
         finalized: bool,
         /// The time after which it did nothing more. It names the death: no two deaths have the same.
         died: Time,
@@ -42,11 +40,22 @@ pub enum Order {
     /// Walk along this way, and stay at its end, since nothing moves any more.
     Call {
         /// The goal for which this holds.
-        epoch: u16,
+        epoch: Epoch,
         /// The end of the call.
         until: Time,
         /// The way.
         way: Way,
+    },
+    /// Stay, and keep a cell free for a module that is called over a dead one and cannot ask for it itself.
+    Carry {
+        /// The epoch for which this holds.
+        epoch: Epoch,
+        /// The module that is called.
+        mover: ModuleId,
+        /// Identifies the request.
+        token: Token,
+        /// The face outside which the cell is.
+        face: Face,
     },
 }
 
@@ -58,7 +67,7 @@ pub struct CustodyAnnouncement {
     /// Its time of death.
     pub died: Time,
     /// The goal for which this holds.
-    pub epoch: u16,
+    pub epoch: Epoch,
     /// The face of the dead module behind which the holder is.
     pub face: Face,
     /// True if the holder is finalized.
@@ -92,27 +101,28 @@ pub struct CustodyKey {
 impl Wire for Order {
     fn kind(&self) -> u8 {
         match self {
-            Order::Goal { .. } => 0,
+            Order::Goal(_) => 0,
             Order::Condemn { .. } => 1,
             Order::Custody(_) => 2,
             Order::Steer { .. } => 3,
             Order::Call { .. } => 4,
+            Order::Carry { .. } => 5,
         }
     }
     fn encode(&self, out: &mut Encoder) {
         match self {
-            Order::Goal { epoch } => out.u16(*epoch),
+            Order::Goal(opening) => opening.encode(out),
             Order::Condemn { port, session, epoch, finalized, died } => {
                 out.u8(port.0);
                 out.u32(session.0);
-                out.u16(*epoch);
+                epoch.encode(out);
                 out.bool(*finalized);
                 out.time(*died);
             }
             Order::Custody(CustodyAnnouncement { dead, died, epoch, face, is_final }) => {
                 out.cell(*dead);
                 out.time(*died);
-                out.u16(*epoch);
+                epoch.encode(out);
                 out.face(*face);
                 out.bool(*is_final);
             }
@@ -121,31 +131,45 @@ impl Wire for Order {
                 out.u64(until.0);
             }
             Order::Call { epoch, until, way } => {
-                out.u16(*epoch);
+                epoch.encode(out);
                 out.time(*until);
                 way.encode(out);
+            }
+            Order::Carry { epoch, mover, token, face } => {
+                epoch.encode(out);
+                out.u32(mover.0);
+                out.u32(token.0);
+                out.face(*face);
             }
         }
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Order, WireError> {
         match kind {
-            0 => Ok(Order::Goal { epoch: from.u16()? }),
+            0 => Ok(Order::Goal(Opening::decode(from)?)),
             1 => Ok(Order::Condemn {
                 port: Port(from.face("port")? as u8),
                 session: Session(from.u32()?),
-                epoch: from.u16()?,
+                epoch: Epoch::decode(from)?,
                 finalized: from.bool("finalized")?,
                 died: from.time()?,
             }),
             2 => Ok(Order::Custody(CustodyAnnouncement {
                 dead: from.cell()?,
                 died: from.time()?,
-                epoch: from.u16()?,
+                epoch: Epoch::decode(from)?,
                 face: from.face("face")?,
                 is_final: from.bool("final")?,
             })),
             3 => Ok(Order::Steer { steering: Steering::decode(from)?, until: Time(from.u64()?) }),
-            4 => Ok(Order::Call { epoch: from.u16()?, until: from.time()?, way: Way::decode(from)? }),
+            4 => {
+                Ok(Order::Call { epoch: Epoch::decode(from)?, until: from.time()?, way: Way::decode(from)? })
+            }
+            5 => Ok(Order::Carry {
+                epoch: Epoch::decode(from)?,
+                mover: ModuleId(from.u32()?),
+                token: Token(from.u32()?),
+                face: from.face("face")?,
+            }),
             _ => Err(WireError::Kind(kind)),
         }
     }
@@ -155,7 +179,7 @@ impl Wire for Order {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Status {
     /// The goal that it works for.
-    pub epoch: u16,
+    pub epoch: Epoch,
     /// Its role in the growth.
     pub role: Role,
     /// True if it is finalized or has a parent.
@@ -174,6 +198,8 @@ pub struct Status {
     pub prevented: u32,
     /// The module that it waits for.
     pub waits_for: Option<ModuleId>,
+    /// The called module for which it stays and keeps a cell free ([`Order::Carry`]).
+    pub carries: Option<ModuleId>,
     /// For each face, the time of death of a dead neighbour that the module has announced to hold; zero if there is
     /// none.
     pub custody: [Time; 6],
@@ -184,7 +210,7 @@ impl Wire for Status {
         0
     }
     fn encode(&self, out: &mut Encoder) {
-        out.u16(self.epoch);
+        self.epoch.encode(out);
         out.u8(self.role as u8);
         for flag in [self.attached, self.immobile, self.pinned, self.attracted] {
             out.bool(flag);
@@ -192,7 +218,9 @@ impl Wire for Status {
         out.u8(self.wants);
         out.u32(self.subtree);
         out.u32(self.prevented);
-        out.u32(self.waits_for.map_or(NO_MODULE, |id| id.0));
+        for id in [self.waits_for, self.carries] {
+            out.u32(id.map_or(NO_MODULE, |id| id.0));
+        }
         let held = Face::ALL.into_iter().filter(|f| self.custody[f.index()] != Time::ZERO);
         out.u8(held.clone().fold(0, |mask, f| mask | f.bit()));
         held.for_each(|f| out.time(self.custody[f.index()]));
@@ -202,7 +230,7 @@ impl Wire for Status {
             return Err(WireError::Kind(kind));
         }
         let mut status = Status {
-            epoch: from.u16()?,
+            epoch: Epoch::decode(from)?,
             role: Role::decode(from.u8()?)?,
             attached: from.bool("attached")?,
             immobile: from.bool("immobile")?,
@@ -212,6 +240,7 @@ impl Wire for Status {
             subtree: from.u32()?,
             prevented: from.u32()?,
             waits_for: Some(from.u32()?).filter(|id| *id != NO_MODULE).map(ModuleId),
+            carries: Some(from.u32()?).filter(|id| *id != NO_MODULE).map(ModuleId),
             custody: [Time::ZERO; 6],
         };
         let held = from.u8()?;

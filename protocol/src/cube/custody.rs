@@ -17,7 +17,8 @@
 //!
 //! An announcement is a fact that stays true for one death and one goal: late, lost and repeated ones cost
 //! time only. The world-controller forwards them. Only a certificate of death begins custody; silence proves
-//! nothing. There is no custody with connecting cycles, where all neighbours of a dead module stay.
+//! nothing. With connecting cycles only finalized modules announce themselves; any other
+//! neighbour of a dead module may leave, once it has locked a cycle that keeps the dead one connected.
 
 use super::control::{CustodyAnnouncement, CustodyKey};
 use super::message::Role;
@@ -149,9 +150,10 @@ pub(super) fn own_key(v: View<'_>) -> CustodyKey {
     }
 }
 
-/// Returns true if dead neighbours are held in custody; only the parent forest does so.
-pub(super) fn is_kept(v: View<'_>) -> bool {
-    v.params().connectivity == Connectivity::Forest
+/// Returns true if modules announce that they hold dead neighbours. With connecting cycles only finalized modules do, which
+/// stay in any case; the published gradient knows nothing of the dead.
+pub(super) fn is_announced(v: View<'_>) -> bool {
+    v.own.connectivity() != Connectivity::Gradient
 }
 
 #[cfg(test)]
@@ -160,6 +162,7 @@ mod tests {
     use crate::agent::{Agent, Input, Output};
     use crate::cube::Cube;
     use crate::cube::control::{Order, Status};
+    use crate::cube::epoch::{Epoch, Opening};
     use crate::cube::message::{Beacon, Claim, Entry, Message, Rank};
     use crate::cube::params::{Params, Setup};
     use crate::goal::{Goal, Growth};
@@ -201,7 +204,13 @@ mod tests {
             bench.adopt();
             bench.now = DIED + Span::secs(1);
             let (port, session) = (Port(DEAD as u8), Session(1));
-            bench.order(Order::Condemn { port, session, epoch: 0, finalized: false, died: DIED });
+            bench.order(Order::Condemn {
+                port,
+                session,
+                epoch: Epoch::first(0),
+                finalized: false,
+                died: DIED,
+            });
             bench
         }
         fn hand_in(&mut self, input: Input<Message, super::super::Percept, Order>) {
@@ -300,7 +309,13 @@ mod tests {
                 b.claim = Claim::Parent(crate::ids::Token(1))
             });
             assert!(bench.cube.has_child(DEAD));
-            bench.order(Order::Condemn { port, session, epoch: 0, finalized: false, died: DIED });
+            bench.order(Order::Condemn {
+                port,
+                session,
+                epoch: Epoch::first(0),
+                finalized: false,
+                died: DIED,
+            });
             bench.has_announced()
         };
         assert!(!child_dies(None));
@@ -339,7 +354,7 @@ mod tests {
             let mut bench = Bench::new(defect);
             let of = bench.announces(NEARER);
             bench.order(Order::Custody(of));
-            bench.order(Order::Goal { epoch: 1 });
+            bench.order(Order::Goal(Opening::first(1, bench.now)));
             assert!(!bench.is_free());
             bench.beacons.clear();
             bench.adopt();

@@ -4,14 +4,19 @@
 //! Neighbours count as connected over a module that touches both, over finalized modules (which never leave
 //! and are all connected with each other), or over a route that a search has found. Every route is locked; a lock is
 //! denied rather than waited for, so locks cannot deadlock.
+//!
+//! A dead neighbour has to stay connected like any other. If it was finalized in the present goal, or touches a finalized
+//! module, it is connected with these. Otherwise a search looks for a module that touches it: no route leads over the
+//! dead, but the locked module at the end of the route holds the dead one while the mover leaves.
 
 use super::Cube;
-use super::message::{Ask, Beacon, Message, RequestId, Role};
+use super::message::{Ask, Message, Reached, RequestId, Role};
 use super::route::Route;
+use super::view::View;
 use crate::counters::Class;
 use crate::coverage::{CoveragePoint, hit};
 use crate::defects::Defect;
-use crate::lattice::Face;
+use crate::lattice::{Cell, Face};
 use crate::time::Time;
 
 /// Depths of successive searches, in hops.
@@ -28,6 +33,8 @@ pub(super) struct SearchState {
     part: [u8; 7],
     /// Faces with a neighbour that must stay connected.
     nodes: u8,
+    /// Those of them with a dead neighbour that is not known to be connected with the finalized modules for good.
+    dead: u8,
     depth: usize,
     /// The routes to be locked. They are locked only when all are found: a module that searches for long
     /// without success must not keep others from leaving.
@@ -44,6 +51,11 @@ impl SearchState {
         }
         keep != drop
     }
+    /// Returns the faces among `of` whose neighbour is not known to be connected with the finalized modules.
+    fn lost(&self, of: u8) -> u8 {
+        let is_lost = |f: &Face| of & f.bit() != 0 && self.part[f.index()] != self.part[ROOT];
+        Face::ALL.into_iter().filter(is_lost).fold(0, |mask, f| mask | f.bit())
+    }
     /// Returns true if all neighbours belong to one part.
     fn is_whole(&self) -> bool {
         let mut parts =
@@ -56,15 +68,30 @@ impl SearchState {
 impl Cube {
     /// Asks for the locks that keep the neighbours connected. Returns false if a search has to come first.
     pub(super) fn ask_for_cycles(&mut self, now: Time) -> bool {
-        let mut state = SearchState { part: [0, 1, 2, 3, 4, 5, 6], nodes: 0, depth: 0, routes: Vec::new() };
+        let (part, routes) = ([0, 1, 2, 3, 4, 5, 6], Vec::new());
+        let mut state = SearchState { part, nodes: 0, dead: 0, depth: 0, routes };
+        let v = self.view(now);
+        let was_final = |f: Face| v.peer(f).is_some_and(|b| b.role == Role::Final);
+        let is_rooted = |f: Face| {
+            self.is_dead_root(v, f)
+                || (v.has(Defect::RootOfOldGoal) && was_final(f))
+                || v.has(Defect::IgnoreDead)
+        };
+        for face in Face::ALL.into_iter().filter(|f| v.sides.is_certified_dead(*f) && !is_rooted(*f)) {
+            state.nodes |= face.bit();
+            state.dead |= face.bit();
+        }
         let neighbours: Vec<(Face, Role, u8, u8)> = Face::ALL
             .into_iter()
-            .filter_map(|f| match (self.sides.support(f), self.sides.peer(f)) {
+            .filter(|f| state.dead & f.bit() == 0)
+            .filter_map(|f| match (v.support(f), v.peer(f)) {
                 (Some(b), _) => Some((f, b.role, b.supports, b.finals)),
-                // A dead finalized module stays where it is, and what hangs on it must not be cut off from
-                // it; but it answers no more.
-                (None, Some(b)) if b.role == Role::Final => Some((f, b.role, 0, 0)),
-                (None, _) if self.view(now).died_finalized(f) => Some((f, Role::Final, 0, 0)),
+                // A dead or silent finalized module stays where it is, and what hangs on it must not be cut off
+                // from it; but it answers no more.
+                (None, Some(b)) if v.is_final(b) => Some((f, b.role, 0, 0)),
+                (None, _) if v.sides.is_certified_dead(f) && !v.has(Defect::IgnoreDead) => {
+                    Some((f, Role::Final, 0, 0))
+                }
                 _ => None,
             })
             .collect();
@@ -97,6 +124,12 @@ impl Cube {
         connected
     }
 
+    /// Returns true if the neighbour on a face is dead and connected with the finalized modules for good: it was one of them, or
+    /// touches one.
+    fn is_dead_root(&self, v: View<'_>, face: Face) -> bool {
+        v.died_finalized(face) || self.forest.custody().is_fixed(face)
+    }
+
     /// Asks for all locks that keep the neighbours connected.
     fn lock(&mut self, now: Time, state: SearchState) {
         for route in state.routes {
@@ -104,23 +137,23 @@ impl Cube {
         }
     }
 
-    /// Floods a search from every neighbour that is not known to be connected with the finalized modules. A flood ends
-    /// at each module that touches the mover, where another flood may have to continue. So each flood has an id of its
-    /// own, and a module can pass on several of them.
+    /// Floods a search from every neighbour that is not known to be connected with the finalized modules; from all, if that is a
+    /// dead one, which answers nothing. A flood ends at each module that touches the mover, where another flood may have to
+    /// continue. So each flood has an id of its own, and a module can pass on several of them.
     fn search(&mut self, now: Time) {
         let Some(attempt) = &mut self.attempt else { return };
         let Some(state) = &attempt.search else { return };
         let ttl = DEPTHS[state.depth];
         let (origin, token, depth) = (self.own.id, attempt.token, state.depth as u8);
-        let root = state.part[ROOT];
-        let is_lost = |f: &Face| state.nodes & f.bit() != 0 && state.part[f.index()] != root;
-        let from: Vec<Face> = Face::ALL.into_iter().filter(is_lost).collect();
+        let (live, dead) = (state.nodes & !state.dead, state.lost(state.dead));
+        let from = if dead != 0 { live } else { state.lost(live) };
         let p = self.own.params();
         attempt.timeout = now + p.usual_delay * (2 * (u64::from(ttl) + 2)) + p.tick() * 8;
-        for face in from {
+        for face in Face::ALL.into_iter().filter(|f| from & f.bit() != 0) {
             let id = RequestId { origin, token, number: depth * 8 + face as u8 };
             if let Some(route) = Route::new(&[face]) {
-                self.out.send(&self.sides, face, Class::Connectivity, Message::Search { id, ttl, route });
+                let message = Message::Search { id, ttl, dead, route };
+                self.out.send(&self.sides, face, Class::Connectivity, message);
             }
         }
     }
@@ -139,7 +172,16 @@ impl Cube {
         true
     }
 
-    pub(super) fn on_search(&mut self, now: Time, from: Face, id: RequestId, ttl: u8, route: Route) {
+    /// Answers a search or passes it on, with the hops still allowed and the faces of the origin behind which a dead neighbour is
+    /// looked for.
+    pub(super) fn on_search(
+        &mut self,
+        now: Time,
+        from: Face,
+        id: RequestId,
+        (ttl, dead): (u8, u8),
+        route: Route,
+    ) {
         let last = route.hop(route.hop_count() - 1).map(Face::opposite);
         // Only modules that are finalized for the same goal hang together.
         let same_goal = |f: Face| self.sides.support(f).is_some_and(|b| b.epoch == self.own.epoch);
@@ -158,36 +200,46 @@ impl Cube {
             self.searches.pop_front();
         }
         self.searches.push_back(id);
-        let is_root = |b: &Beacon| b.role == Role::Final && b.epoch == self.own.epoch;
-        let touches_root = self.own.role == Role::Final
-            || Face::ALL.into_iter().any(|f| self.sides.live(f).is_some_and(is_root));
+        let v = self.view(now);
+        let is_root = |f: Face| v.live(f).is_some_and(|b| v.is_final(b)) || self.is_dead_root(v, f);
+        let touches_root = self.own.role == Role::Final || Face::ALL.into_iter().any(is_root);
         let touches_origin = Face::ALL
             .into_iter()
             .find(|f| *f != from && self.sides.peer(*f).is_some_and(|b| b.id == id.origin));
-        if touches_root || touches_origin.is_some() {
-            let back = if touches_root { None } else { touches_origin };
-            let hop = route.hop_count() as u8 - 1;
-            return self.out.send(
-                &self.sides,
-                from,
-                Class::Connectivity,
-                Message::Found { id, hop, back, route },
-            );
+        let beside = self.dead_beside(route) & dead;
+        let mut reached: Vec<Reached> = Vec::new();
+        reached.extend(Face::ALL.into_iter().filter(|f| beside & f.bit() != 0).map(Reached::Dead));
+        let is_answered = touches_root || touches_origin.is_some();
+        reached.extend(if touches_root {
+            Some(Reached::Root)
+        } else {
+            touches_origin.map(Reached::Neighbour)
+        });
+        let hop = route.hop_count() as u8 - 1;
+        for reached in reached {
+            let message = Message::Found { id, hop, reached, route };
+            self.out.send(&self.sides, from, Class::Connectivity, message);
         }
-        if ttl == 0 {
+        let dead = dead & !beside;
+        if ttl == 0 || (is_answered && dead == 0) {
             return;
         }
         for face in Face::ALL.into_iter().filter(|f| *f != from) {
             let on = self.sides.support(face).is_some_and(|b| b.epoch == self.own.epoch);
             if on && let Some(route) = route.then(face) {
-                self.out.send(
-                    &self.sides,
-                    face,
-                    Class::Connectivity,
-                    Message::Search { id, ttl: ttl - 1, route },
-                );
+                let message = Message::Search { id, ttl: ttl - 1, dead, route };
+                self.out.send(&self.sides, face, Class::Connectivity, message);
             }
         }
+    }
+
+    /// Returns the faces of the origin of a route behind which a cell is that this module touches and that holds a module
+    /// certified dead.
+    fn dead_beside(&self, route: Route) -> u8 {
+        let own = route.faces().fold(Cell::default(), |at, f| at.step(f));
+        let certified = Face::ALL.into_iter().filter(|f| self.sides.is_certified_dead(*f));
+        let faces = certified.filter_map(|f| Cell::default().face_to(own.step(f)));
+        faces.fold(0, |mask, f| mask | f.bit())
     }
 
     pub(super) fn on_found(
@@ -196,7 +248,7 @@ impl Cube {
         from: Face,
         id: RequestId,
         hop: u8,
-        back: Option<Face>,
+        reached: Reached,
         route: Route,
     ) {
         let depth = usize::from(hop);
@@ -205,7 +257,7 @@ impl Cube {
         }
         if depth > 0 {
             if let Some(to) = route.hop(depth - 1).map(Face::opposite) {
-                let message = Message::Found { id, hop: hop - 1, back, route };
+                let message = Message::Found { id, hop: hop - 1, reached, route };
                 self.out.send(&self.sides, to, Class::Connectivity, message);
             }
             return;
@@ -215,8 +267,12 @@ impl Cube {
             return;
         };
         let Some(state) = &mut attempt.search else { return };
-        hit(if back.is_none() { CoveragePoint::CubeFoundRoot } else { CoveragePoint::CubeFoundRound });
-        let other = back.map_or(ROOT, |f| f.opposite().index());
+        let (point, other) = match reached {
+            Reached::Root => (CoveragePoint::CubeFoundRoot, ROOT),
+            Reached::Neighbour(face) => (CoveragePoint::CubeFoundRound, face.opposite().index()),
+            Reached::Dead(face) => (CoveragePoint::CubeFoundDead, face.index()),
+        };
+        hit(point);
         if !state.join(from.index(), other) {
             return;
         }
@@ -226,7 +282,9 @@ impl Cube {
         }
         if let Some(state) = attempt.search.take() {
             // Leases begin now; no lock has been asked for before.
-            attempt.deadline = now + self.own.params().start_within();
+            let motion = attempt.motion;
+            let deadline = self.latest_start(now, motion);
+            self.attempt.iter_mut().for_each(|attempt| attempt.deadline = deadline);
             self.lock(now, state);
             self.ask_for_destination(now);
         }
@@ -236,13 +294,14 @@ impl Cube {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::{Agent, Input};
+    use crate::agent::{Agent, Input, Output};
     use crate::cube::control::Order;
-    use crate::cube::message::{Claim, Entry, Rank};
+    use crate::cube::epoch::Epoch;
+    use crate::cube::message::{Beacon, Claim, Entry, Rank};
     use crate::cube::params::{Connectivity, Params, Setup};
     use crate::goal::{Goal, Growth};
-    use crate::ids::{ModuleId, Port, Session};
-    use crate::lattice::Cell;
+    use crate::ids::{ModuleId, Port, Session, Token};
+    use crate::lattice::{Motion, MotionKind};
     use crate::time::Span;
 
     /// Returns a module in reserve at the origin with a live neighbour in the east and a dead one in the
@@ -261,7 +320,7 @@ mod tests {
         let beacon = Beacon {
             id: ModuleId(1),
             sequence: 1,
-            epoch: 0,
+            epoch: Epoch::first(0),
             role: Role::Reserve,
             attached: true,
             immobile: false,
@@ -282,18 +341,85 @@ mod tests {
         };
         cube.handle(Time::ZERO, Input::Message { port: east, message: Message::Beacon(beacon) });
         let now = Time::ZERO;
-        let order = Order::Condemn { port: west, session, epoch: 0, finalized: west_was_final, died: now };
+        let order = Order::Condemn {
+            port: west,
+            session,
+            epoch: Epoch::first(0),
+            finalized: west_was_final,
+            died: now,
+        };
         cube.handle(Time::ZERO, Input::Order(order));
         cube
     }
 
-    /// A module that may let go of a dead neighbour asks whether the others stay connected with it.
+    const NOW: Time = Time::ZERO;
+    const EAST: Port = Port(Face::East as u8);
+
+    /// Returns the messages that a module sends.
+    fn sent(cube: &mut Cube) -> Vec<(Port, Message)> {
+        let outputs = std::iter::from_fn(|| cube.poll());
+        let message = |output| match output {
+            Output::Send { port, message, .. } => Some((port, message)),
+            _ => None,
+        };
+        outputs.filter_map(message).filter(|(_, m)| !matches!(m, Message::Beacon(_))).collect()
+    }
+
+    /// Begins a motion of a module between two others, and returns the search that it sends to the east.
+    fn search_of(cube: &mut Cube) -> (RequestId, u8, Route) {
+        assert_eq!(cube.may_leave(NOW), Ok(()));
+        sent(cube);
+        let motion = Motion { kind: MotionKind::Slide, support: Face::East, heading: Face::North };
+        cube.begin_attempt(NOW, motion);
+        match sent(cube)[..] {
+            [(EAST, Message::Search { id, dead, route, .. })] => (id, dead, route),
+            ref other => panic!("{other:?}"),
+        }
+    }
+
+    /// A module that leaves a dead neighbour asks whether the others stay connected with it: over the finalized modules if it
+    /// was one of them, over any other module that touches it otherwise.
     #[test]
-    fn modules_that_hang_on_dead_strangers_are_not_cut_off() {
-        let now = Time::ZERO;
-        assert!(between(false).may_leave(now).is_err(), "the dead neighbour may carry modules");
-        let mut cube = between(true);
-        assert_eq!(cube.may_leave(now), Ok(()), "it carries no module");
-        assert!(!cube.ask_for_cycles(now), "the east is connected over this module alone");
+    fn dead_neighbours_are_kept_connected() {
+        for (was_final, looked_for, reached) in
+            [(true, 0, Reached::Root), (false, Face::West.bit(), Reached::Dead(Face::West))]
+        {
+            let mut cube = between(was_final);
+            let (id, dead, route) = search_of(&mut cube);
+            assert_eq!(dead, looked_for);
+            let found = Message::Found { id, hop: 0, reached, route };
+            cube.handle(NOW, Input::Message { port: EAST, message: found });
+            let asked = sent(&mut cube);
+            let is_lock = |(_, m): &&(Port, Message)| matches!(m, Message::Request { ask: Ask::Lock, .. });
+            assert_eq!(asked.iter().filter(is_lock).count(), 2, "the neighbour and the route: {asked:?}");
+        }
+        let (mut ignores, mut knows) = (between(false), between(false));
+        let params = |cube: &Cube| Params { defect: Some(Defect::IgnoreDead), ..cube.own.params().clone() };
+        let setup = Setup { params: params(&ignores), goals: ignores.own.setup.goals.clone() };
+        ignores.own.setup = super::super::view::Shared(std::sync::Arc::new(setup));
+        assert!(ignores.ask_for_cycles(NOW) && !knows.ask_for_cycles(NOW));
+    }
+
+    /// A module answers a search if it touches the dead module that is looked for.
+    #[test]
+    fn modules_beside_the_dead_answer() {
+        let mut cube = between(false);
+        sent(&mut cube);
+        let id = RequestId { origin: ModuleId(9), token: Token(4), number: 0 };
+        // The dead module is in the west. The first origin is to its north.
+        for (hops, dead, is_answered) in [
+            (&[Face::East, Face::East, Face::South, Face::West][..], Face::South, true),
+            (&[Face::East, Face::East, Face::South, Face::West], Face::West, false),
+            (&[Face::East, Face::South, Face::West], Face::South, false),
+        ] {
+            let route = Route::new(hops).unwrap();
+            let message = Message::Search { id, ttl: 3, dead: dead.bit(), route };
+            cube.searches.clear();
+            cube.handle(NOW, Input::Message { port: EAST, message });
+            let found = sent(&mut cube).into_iter().any(
+                |(_, m)| matches!(m, Message::Found { reached: Reached::Dead(face), .. } if face == dead),
+            );
+            assert_eq!(found, is_answered, "{hops:?}");
+        }
     }
 }

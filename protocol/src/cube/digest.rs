@@ -40,6 +40,7 @@ impl Cube {
             cell,
             settled,
             epoch,
+            part,
             role,
             restarted,
             quarantine_until,
@@ -47,21 +48,26 @@ impl Cube {
             support,
             immobile,
             setup: _,
+            born: _,
             masks: _,
         } = own;
         let hasher = &mut Portable::new(hasher);
         (id, cell, settled, epoch, role).hash(hasher);
         forest.digest(hasher);
-        (activator, support, attempt, moving, next_epoch, locks, searches).hash(hasher);
+        let next = next_epoch.as_ref().map(|opening| opening.epoch);
+        (activator, support, attempt, moving, next, locks, searches).hash(hasher);
         (rng, tokens).hash(hasher);
         planner.digest(hasher, DigestPart::Waiting);
         planner.digest(hasher, DigestPart::Failures);
         (immobile, prevented, restarted).hash(hasher);
         quarantine_until.hash(hasher);
         planner.digest(hasher, DigestPart::Targets);
-        // Without commands and calls the hash is that of a swarm that knows none.
+        // Without commands, calls and withheld cells the hash is that of a swarm that knows none.
         steered.iter().for_each(|steered| steered.hash(hasher));
         called.iter().for_each(|called| called.hash(hasher));
+        let withheld =
+            part.iter().map(|part| &part.withheld).chain(next_epoch.iter().map(|next| &next.withheld));
+        withheld.filter(|withheld| !withheld.is_empty()).for_each(|withheld| withheld.hash(hasher));
         for face in Face::ALL {
             sides.digest(face, hasher);
             forest.child(face).hash(hasher);

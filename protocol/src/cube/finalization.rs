@@ -51,7 +51,7 @@ impl Cube {
         let rests = now.since(self.own.settled) > v.params().out_of_turn_after;
         let out_of_turn = self.is_called_here() || self.own.restarted || rests;
         let dead = v.sides.certified_mask() & if out_of_turn { masks.cells } else { masks.starters };
-        if dead == 0 || !custody::is_kept(v) {
+        if dead == 0 || !custody::is_announced(v) {
             return false;
         }
         let is_filled = |f: Face| v.sides.is_certified_dead(f) || v.live(f).is_some_and(|b| v.is_final(b));

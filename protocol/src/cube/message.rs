@@ -1,5 +1,6 @@
 //! Messages between cubes.
 
+use super::epoch::Epoch;
 use super::route::Route;
 use crate::coverage::CoveragePoint;
 use crate::ids::{ModuleId, Token};
@@ -115,7 +116,7 @@ pub struct Beacon {
     /// The number of the beacon in its session and direction.
     pub sequence: u32,
     /// The goal that the sender works for.
-    pub epoch: u16,
+    pub epoch: Epoch,
     /// The sender's role in the growth.
     pub role: Role,
     /// True if the sender is finalized or has a parent.
@@ -293,21 +294,55 @@ pub enum Message {
         id: RequestId,
         /// Hops still allowed.
         ttl: u8,
+        /// The faces of the origin with a dead neighbour that must stay connected too.
+        dead: u8,
         /// The route so far.
         route: Route,
     },
-    /// A search has reached another neighbour of its origin, or a finalized module.
+    /// A search has reached another neighbour of its origin, a finalized module, or one that touches a dead neighbour of the
+    /// origin.
     Found {
         /// The search.
         id: RequestId,
         /// Hops left to the origin.
         hop: u8,
-        /// The face by which the last module of the route touches the origin; `None` if it is, or touches, a
-        /// finalized module.
-        back: Option<Face>,
+        /// What the last module of the route is or touches.
+        reached: Reached,
         /// The route.
         route: Route,
     },
+}
+
+/// What a search has reached.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Reached {
+    /// A finalized module.
+    Root,
+    /// Another neighbour of the origin, which touches the origin by this face.
+    Neighbour(Face),
+    /// A module that touches the dead neighbour on this face of the origin.
+    Dead(Face),
+}
+
+impl Reached {
+    const ROOT: u8 = 0xFF;
+    const DEAD: u8 = 0x10;
+
+    fn encode(self) -> u8 {
+        match self {
+            Reached::Root => Reached::ROOT,
+            Reached::Neighbour(face) => face as u8,
+            Reached::Dead(face) => Reached::DEAD | face as u8,
+        }
+    }
+    fn decode(byte: u8) -> Result<Reached, WireError> {
+        let face = |index| Face::from_index(index).ok_or(WireError::Field("reached"));
+        match byte {
+            Reached::ROOT => Ok(Reached::Root),
+            byte if byte & Reached::DEAD != 0 => face(byte & !Reached::DEAD).map(Reached::Dead),
+            byte => face(byte).map(Reached::Neighbour),
+        }
+    }
 }
 
 /// Stands for no module on the wire.
@@ -320,7 +355,7 @@ fn face_mask(bits: u8) -> Result<u8, WireError> {
 
 impl Beacon {
     fn decode(from: &mut Decoder<'_>) -> Result<Beacon, WireError> {
-        let (id, sequence, epoch) = (ModuleId(from.u32()?), from.u32()?, from.u16()?);
+        let (id, sequence, epoch) = (ModuleId(from.u32()?), from.u32()?, Epoch::decode(from)?);
         let bits = from.u8()?;
         if bits >> 7 != 0 {
             return Err(WireError::Field("flags"));
@@ -387,7 +422,7 @@ impl Wire for Message {
             Message::Beacon(b) => {
                 out.u32(b.id.0);
                 out.u32(b.sequence);
-                out.u16(b.epoch);
+                b.epoch.encode(out);
                 let flags = [b.attached, b.immobile, b.supported_here, b.wants_you, b.quarantined];
                 let bits = flags.iter().rev().fold(0u8, |bits, f| bits << 1 | u8::from(*f));
                 out.u8(bits << 2 | b.role as u8);
@@ -437,25 +472,22 @@ impl Wire for Message {
                 out.u32(origin.0);
                 out.u32(token.0);
             }
-            Message::Search { id, ttl, route } => {
+            Message::Search { id, ttl, dead, route } => {
                 id.encode(out);
                 out.u8(*ttl);
+                out.u8(*dead);
                 route.encode(out);
             }
-            Message::Found { id, hop, back, route } => {
+            Message::Found { id, hop, reached, route } => {
                 id.encode(out);
                 out.u8(*hop);
-                out.u8(back.map_or(0xFF, |f| f as u8));
+                out.u8(reached.encode());
                 route.encode(out);
             }
         }
     }
 
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Message, WireError> {
-        let optional_face = |v: u8, field| match v {
-            0xFF => Ok(None),
-            v => Face::from_index(v).map(Some).ok_or(WireError::Field(field)),
-        };
         let inside = |hop: u8, route: &Route, least: u8| {
             let valid = hop >= least && usize::from(hop) <= route.hop_count();
             if valid { Ok(()) } else { Err(WireError::Field("hop")) }
@@ -464,7 +496,10 @@ impl Wire for Message {
             0 => Ok(Message::Beacon(Beacon::decode(from)?)),
             1 => {
                 let (id, age, hop) = (RequestId::decode(from)?, Span(from.u64()?), from.u8()?);
-                let ask = optional_face(from.u8()?, "ask")?.map_or(Ask::Lock, Ask::Reserve);
+                let ask = match from.u8()? {
+                    0xFF => Ask::Lock,
+                    face => Ask::Reserve(Face::from_index(face).ok_or(WireError::Field("ask"))?),
+                };
                 let route = Route::decode(from)?;
                 inside(hop, &route, 1)?;
                 Ok(Message::Request { id, age, hop, ask, route })
@@ -479,15 +514,18 @@ impl Wire for Message {
             }
             3 => Ok(Message::Release { origin: ModuleId(from.u32()?), token: Token(from.u32()?) }),
             4 => {
-                let (id, ttl) = (RequestId::decode(from)?, from.u8()?);
-                Ok(Message::Search { id, ttl, route: Route::decode(from)? })
+                let (id, ttl, dead) = (RequestId::decode(from)?, from.u8()?, from.u8()?);
+                if dead >= 64 {
+                    return Err(WireError::Field("dead"));
+                }
+                Ok(Message::Search { id, ttl, dead, route: Route::decode(from)? })
             }
             5 => {
                 let (id, hop) = (RequestId::decode(from)?, from.u8()?);
-                let back = optional_face(from.u8()?, "back")?;
+                let reached = Reached::decode(from.u8()?)?;
                 let route = Route::decode(from)?;
                 inside(hop, &route, 0)?;
-                Ok(Message::Found { id, hop, back, route })
+                Ok(Message::Found { id, hop, reached, route })
             }
             _ => Err(WireError::Kind(kind)),
         }
@@ -501,7 +539,7 @@ impl Wire for Message {
                 Message::Request { .. } => 30,
                 Message::Response { .. } => 27,
                 Message::Release { .. } => 8,
-                Message::Search { .. } => 21,
+                Message::Search { .. } => 22,
                 Message::Found { .. } => 22,
             }
     }

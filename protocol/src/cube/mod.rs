@@ -24,6 +24,7 @@ pub mod control;
 mod custody;
 mod cycles;
 mod digest;
+pub mod epoch;
 mod finalization;
 mod lock_table;
 pub mod message;
@@ -57,6 +58,7 @@ use beacon::Beacons;
 use body::{Move, Percept};
 use call::Called;
 use control::{Order, Status};
+use epoch::{Epoch, Opening, Withheld};
 use lock_table::LockTable;
 use message::{Beacon, Message, RequestId, Role};
 use motion_planner::MotionPlanner;
@@ -69,7 +71,7 @@ use std::collections::VecDeque;
 use std::hash::Hasher;
 use std::sync::Arc;
 use steering::Steered;
-use view::{GoalMasks, Own, Shared, View};
+use view::{GoalMasks, Own, Part, Shared, View};
 
 /// The agent of one cube.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -88,8 +90,8 @@ pub struct Cube {
     searches: VecDeque<RequestId>,
     /// The number of this module's reservation requests that were denied because the cell was occupied or reserved.
     prevented: u32,
-    /// The epoch of a goal received during a move; taken up when the move has ended.
-    next_epoch: Option<u16>,
+    /// An epoch that was heard of during a move; taken up when the move has ended.
+    next_epoch: Option<Box<Opening>>,
     beacons: Beacons,
     reporter: Reporter,
     rng: Rng,
@@ -211,7 +213,9 @@ impl Agent for Cube {
             id: birth.id,
             cell: birth.place,
             settled: now,
-            epoch: 0,
+            epoch: Epoch::first(0),
+            part: None,
+            born: restarted_at,
             role: Role::Reserve,
             restarted,
             quarantine_until: if listens { now + setup.params.quarantine } else { now },
@@ -285,7 +289,7 @@ impl Agent for Cube {
         Summary {
             role: role.to_owned(),
             activity: self.activity(now).to_owned(),
-            goal: self.own.epoch,
+            goal: self.own.epoch.goal(),
             level: Some(self.label()).filter(|_| !self.is_unlabelled()),
             gradient: self.attraction.nearest().filter(|d| *d != message::Entry::FAR).map(u32::from),
             lock: self.locks.iter().find(|l| l.id.origin != self.own.id).map(|l| l.id.origin),
@@ -329,7 +333,7 @@ impl Cube {
                 self.release_locks(|lock| lock.id.origin == id);
             }
         }
-        if self.own.role == Role::Reserve && self.own.params().connectivity == Connectivity::Cycles {
+        if self.own.role == Role::Reserve && self.own.connectivity() == Connectivity::Cycles {
             // A new neighbour may hang on this module alone, and has not been asked.
             self.abort_attempt(now, None);
         }
@@ -348,14 +352,18 @@ impl Cube {
                 self.release_locks(|lock| lock.id.origin == origin && lock.id.token == token);
                 self.decide_soon(now);
             }
-            Message::Search { id, ttl, route } => self.on_search(now, face, id, ttl, route),
-            Message::Found { id, hop, back, route } => self.on_found(now, face, id, hop, back, route),
+            Message::Search { id, ttl, dead, route } => {
+                self.on_search(now, face, id, (ttl, dead), route);
+            }
+            Message::Found { id, hop, reached, route } => {
+                self.on_found(now, face, id, hop, reached, route);
+            }
         }
     }
 
     fn on_beacon(&mut self, now: Time, face: Face, beacon: Beacon) {
         let is_dead = self.sides.is_certified_dead(face);
-        if is_dead && custody::is_kept(self.view(now)) && !self.own.has(Defect::ForgetSaid) {
+        if is_dead && custody::is_announced(self.view(now)) && !self.own.has(Defect::ForgetSaid) {
             // It was sent before the death, and must not end what the certificate began.
             return hit(CoveragePoint::CubeDeadSpoke);
         }
@@ -385,7 +393,7 @@ impl Cube {
         let v = View { now, own: &self.own, sides: &self.sides };
         self.attraction.note_corners(v, face, beacon.corners);
         if beacon.epoch > self.own.epoch {
-            self.follow_epoch(now, beacon.epoch);
+            self.hear_of_epoch(now, beacon.epoch);
         }
         // A walker that has arrived needs its reservation no more: it is held by contact now.
         self.release_locks(|lock| lock.id.origin == beacon.id && lock.reserved == Some(face));
@@ -409,9 +417,9 @@ impl Cube {
 
     fn on_order(&mut self, now: Time, order: Order) {
         match order {
-            Order::Goal { epoch } => self.follow_epoch(now, epoch),
+            Order::Goal(opening) => self.follow_epoch(now, opening),
             Order::Condemn { port, session, epoch, finalized, died } => {
-                self.follow_epoch(now, epoch);
+                self.hear_of_epoch(now, epoch);
                 if let Some(face) = Face::from_index(port.0)
                     && self.sides.session(face) == Some(session)
                 {
@@ -424,8 +432,13 @@ impl Cube {
             }
             Order::Steer { steering, until } => self.on_steering(now, steering, until),
             Order::Call { epoch, until, way } => self.on_call(now, epoch, until, way),
+            Order::Carry { epoch, mover, token, face } => {
+                if epoch == self.own.epoch {
+                    self.on_carry(now, mover, token, face);
+                }
+            }
             Order::Custody(announcement) => {
-                self.follow_epoch(now, announcement.epoch);
+                self.hear_of_epoch(now, announcement.epoch);
                 let v = View { now, own: &self.own, sides: &self.sides };
                 self.forest.hear_of_custody(v, &announcement);
                 self.touch();
@@ -434,20 +447,41 @@ impl Cube {
         }
     }
 
-    /// Takes up a later goal. All modules start over in reserve, unattached; until they are attached again
+    /// Takes up a later goal that others work for. What another opening of it withholds, only the controller tells.
+    fn hear_of_epoch(&mut self, now: Time, epoch: Epoch) {
+        if epoch.opening() == 0 {
+            self.follow_epoch(now, Opening { epoch, opened: Time::ZERO, withheld: Withheld::NONE });
+        }
+    }
+
+    /// Takes up a later epoch. All modules start over in reserve, unattached; until they are attached again
     /// none leaves, so the body is as safe as at the start of a run.
-    fn follow_epoch(&mut self, now: Time, epoch: u16) {
-        if epoch <= self.own.epoch || usize::from(epoch) >= self.own.setup.goals.len() {
+    fn follow_epoch(&mut self, now: Time, opening: Opening) {
+        let Opening { epoch, opened, withheld } = opening;
+        let Some(goal) = self.own.setup.goals.get(usize::from(epoch.goal())) else { return };
+        if epoch < self.own.epoch {
             return;
         }
         if self.moving.is_some() {
             hit(CoveragePoint::CubeEpochAfterMove);
-            self.next_epoch = self.next_epoch.max(Some(epoch));
+            if self.next_epoch.as_ref().is_none_or(|next| next.epoch <= epoch) {
+                self.next_epoch = Some(Box::new(opening));
+            }
             return;
         }
+        // In an epoch that began after its birth, no earlier incarnation was finalized.
+        let is_unburdened = opened > self.own.born;
+        if epoch == self.own.epoch {
+            return;
+        }
+        if epoch.opening() > 0 {
+            hit(CoveragePoint::CubeReopened);
+        }
+        let part = withheld.left_of(goal).map(|goal| Part { withheld, goal: Arc::new(goal) });
         self.abort_attempt(now, None);
         let own = &mut self.own;
         (own.epoch, own.role, own.activator, own.support) = (epoch, Role::Reserve, None, None);
+        (own.part, own.restarted) = (part, own.restarted && !is_unburdened);
         own.look_up();
         self.forest.on_goal();
         self.planner.on_goal();
@@ -476,9 +510,9 @@ impl Cube {
             self.decide_soon(now);
         }
         if self.moving.is_none()
-            && let Some(epoch) = self.next_epoch.take()
+            && let Some(opening) = self.next_epoch.take()
         {
-            self.follow_epoch(now, epoch);
+            self.follow_epoch(now, *opening);
         }
         self.tend_call(now);
         self.take_root(now);
@@ -518,15 +552,17 @@ impl Cube {
 
     fn tend_forest(&mut self, now: Time) {
         let (is_idle, v) = (self.is_idle(), View { now, own: &self.own, sides: &self.sides });
-        let effect = match v.params().connectivity {
+        let effect = match v.own.connectivity() {
             Connectivity::Forest => self.forest.tend(v, is_idle, self.parks(now), &mut self.tokens),
             // With cycles the gradient only tells which modules are farther out, and should leave first.
             Connectivity::Gradient | Connectivity::Cycles => self.forest.tend_gradient(v),
         };
+        let parks = v.own.connectivity() == Connectivity::Cycles && self.parks(now);
         let is_news = self.forest.tend_custody(v, self.moving.is_some());
-        if self.own.role == Role::Walker && self.forest.parent().is_some() {
+        if self.own.role == Role::Walker && (self.forest.parent().is_some() || parks) {
             hit(CoveragePoint::CubeParked);
             (self.own.role, self.own.support) = (Role::Reserve, None);
+            self.touch();
         }
         if effect != Effect::None || is_news {
             self.touch();

@@ -194,7 +194,7 @@ impl MotionPlanner {
     fn waits_for_outer(&self, v: View<'_>, label: u16) -> bool {
         let outer = |b: &Beacon| b.role == Role::Reserve && b.rank.label > label;
         let has_outer = Face::ALL.into_iter().any(|f| v.support(f).is_some_and(outer));
-        let deferrals = match v.params().connectivity {
+        let deferrals = match v.own.connectivity() {
             // A module that leaves from the middle leaves a mesh of loops too long for any search.
             Connectivity::Cycles => OUTERMOST_FIRST_IN_CYCLES,
             Connectivity::Forest | Connectivity::Gradient => OUTERMOST_FIRST,

@@ -9,6 +9,7 @@
 use super::Cube;
 use super::lock_table::Lock;
 use super::message::{Ask, Denial, Message, RequestId, Role};
+use super::params::Connectivity;
 use super::route::Route;
 use crate::agent::Output;
 use crate::counters::Class;
@@ -46,7 +47,7 @@ pub(super) struct Attempt {
 impl Cube {
     pub(super) fn begin_attempt(&mut self, now: Time, motion: Motion) {
         let token = self.tokens.next();
-        let deadline = now + self.own.params().start_within();
+        let deadline = self.latest_start(now, motion);
         self.attempt = Some(Attempt {
             token,
             motion,
@@ -57,7 +58,7 @@ impl Cube {
         });
         self.planner.waiting_since.get_or_insert(now);
         if self.own.role == Role::Reserve
-            && self.own.params().connectivity == super::params::Connectivity::Cycles
+            && self.own.connectivity() == Connectivity::Cycles
             && !self.ask_for_cycles(now)
         {
             return;
@@ -197,7 +198,7 @@ impl Cube {
 
     /// Grants a request, which may be a repeated one, or returns the reason for the denial and the module in the way.
     /// `next` is the face over which it is passed on, and whether the neighbour there is the last of the route.
-    fn consider(
+    pub(super) fn consider(
         &mut self,
         now: Time,
         id: RequestId,

@@ -1,5 +1,6 @@
 //! Parameters of the cube protocol.
 
+use super::epoch::Epoch;
 use crate::defects::Defect;
 use crate::goal::Goal;
 use crate::ratio::Ratio;
@@ -124,6 +125,14 @@ impl Params {
         self
     }
 
+    /// Returns the connectivity check of an epoch. A goal that is opened again needs modules to leave that the forest
+    /// keeps for the sake of the dead; connecting cycles, which cost more messages, let them go.
+    pub fn connectivity_in(&self, epoch: Epoch) -> Connectivity {
+        match self.connectivity {
+            Connectivity::Forest if epoch.opening() > 0 => Connectivity::Cycles,
+            check => check,
+        }
+    }
     /// Returns the time unit of back-offs, a twentieth of a move.
     pub fn tick(&self) -> Span {
         (self.move_time / 20).max(Span(1))

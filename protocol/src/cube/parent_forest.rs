@@ -147,7 +147,7 @@ impl ParentForest {
     }
     /// Notes that the neighbour on a face is certified dead.
     pub fn begin_custody(&mut self, v: View<'_>, face: Face, died: Time) {
-        if custody::is_kept(v) {
+        if custody::is_announced(v) {
             self.custody.begin(face, died);
         }
         if v.died_finalized(face) {
@@ -174,7 +174,8 @@ impl ParentForest {
             let Some(died) = self.custody.died(face).filter(|_| !self.custody.is_announced(face)) else {
                 continue;
             };
-            let holds = v.own.role == Role::Final || self.held_by(v, face).is_some();
+            let may_hold = || v.own.connectivity() == Connectivity::Forest;
+            let holds = v.own.role == Role::Final || (may_hold() && self.held_by(v, face).is_some());
             if holds && self.is_above_dead(v, face, died) {
                 hit(CoveragePoint::CubeCustodyAnnounced);
                 self.custody.announce(face);
@@ -232,7 +233,7 @@ impl ParentForest {
     /// Returns true if the module is finalized or connected to a finalized one, as far as the rule in use
     /// knows.
     pub fn is_attached(&self, v: View<'_>) -> bool {
-        match v.params().connectivity {
+        match v.own.connectivity() {
             _ if v.own.role == Role::Final => true,
             Connectivity::Forest => self.parent.is_some(),
             Connectivity::Gradient => self.rank.label != UNLABELLED,
@@ -245,7 +246,7 @@ impl ParentForest {
     pub fn is_end(&self, v: View<'_>) -> bool {
         let mut touched = Face::ALL.into_iter().filter(|f| v.sides.is_touching(*f));
         let only = touched.next().filter(|_| touched.next().is_none());
-        v.params().connectivity == Connectivity::Forest
+        v.own.connectivity() == Connectivity::Forest
             && only.is_some_and(|f| {
                 v.sides.is_certified_dead(f) || v.live(f).is_some_and(|b| b.claim == Claim::None)
             })
@@ -253,13 +254,13 @@ impl ParentForest {
 
     /// Returns the rank that the neighbours are told.
     pub fn told_rank(&self, v: View<'_>) -> Rank {
-        let is_lost = v.params().connectivity == Connectivity::Forest && !self.is_attached(v);
+        let is_lost = v.own.connectivity() == Connectivity::Forest && !self.is_attached(v);
         if is_lost { Rank { label: UNLABELLED, ..self.rank } } else { self.rank }
     }
 
     /// Returns the claim that a neighbour is told.
     pub fn claim(&self, v: View<'_>, face: Face) -> Claim {
-        match (v.params().connectivity, v.own.role) {
+        match (v.own.connectivity(), v.own.role) {
             (_, Role::Final) | (Connectivity::Cycles, _) | (Connectivity::Gradient, Role::Walker) => {
                 Claim::None
             }
@@ -386,7 +387,7 @@ impl ParentForest {
     /// what others have asked it for and it does not have. Requests of other neighbours are passed on to the parent,
     /// and a request of the parent to all other neighbours.
     pub fn renewal(&self, v: View<'_>, face: Face) -> Time {
-        if v.own.role != Role::Reserve || v.params().connectivity != Connectivity::Forest {
+        if v.own.role != Role::Reserve || v.own.connectivity() != Connectivity::Forest {
             return Time::ZERO;
         }
         // Modules that hang on it know last.
@@ -504,6 +505,10 @@ impl ParentForest {
         if !v.sides.is_touching(face) || v.died_finalized(face) || self.custody.is_released(v, face) {
             return None;
         }
+        if v.sides.is_certified_dead(face) && v.own.connectivity() == Connectivity::Cycles {
+            // A cycle keeps it connected.
+            return None;
+        }
         if self.custody.is_announced(face) && !v.has(Defect::ForgetSaid) {
             return Some(Held(v.peer(face).map(|b| b.id)));
         }
@@ -521,9 +526,7 @@ impl ParentForest {
             Role::Final => true,
             Role::Walker => !b.supported_here,
             // A cycle can only be locked over modules that answer.
-            Role::Reserve if v.params().connectivity == Connectivity::Cycles => {
-                !silent && !v.sides.is_certified_dead(face)
-            }
+            Role::Reserve if v.own.connectivity() == Connectivity::Cycles => !silent,
             Role::Reserve => {
                 (b.attached || self.is_end(v)) && b.claim == Claim::None && self.child(face).is_none()
             }
@@ -543,9 +546,9 @@ impl ParentForest {
 }
 
 /// Returns true if a restarted module may choose a parent: every neighbour has been heard, however long that takes. An
-/// unheard one may be a child in a later goal than this module knows of. A dead neighbour need not be heard, since its
-/// certificate names the latest goal that it can have worked for.
+/// unheard one may be a child in a later goal than this module knows of; a goal that is opened again has no children. A dead
+/// neighbour need not be heard, since its certificate names the latest epoch that it can have worked in.
 fn all_heard(v: View<'_>) -> bool {
-    let is_last_goal = usize::from(v.own.epoch) + 1 == v.own.setup.goals.len();
+    let is_last_goal = usize::from(v.own.epoch.goal()) + 1 == v.own.setup.goals.len();
     !v.own.restarted || is_last_goal || !v.sides.any_unheard()
 }

@@ -1,6 +1,7 @@
 //! What audits, viewers and the model checker may ask of a cube. Not here: any change of its state.
 
 use super::control::CustodyKey;
+use super::epoch::Epoch;
 use super::message::{Entry, Rank, Role};
 use super::params::Connectivity;
 use super::parent_forest::UNLABELLED;
@@ -19,7 +20,7 @@ impl Cube {
         self.own.cell
     }
     /// Returns the number of the goal that the module works for.
-    pub fn epoch(&self) -> u16 {
+    pub fn epoch(&self) -> Epoch {
         self.own.epoch
     }
     /// Returns the depth in the parent forest; 65,535 without a parent.
@@ -143,7 +144,7 @@ impl Cube {
     }
     /// Returns the connectivity check in use.
     pub fn connectivity(&self) -> Connectivity {
-        self.own.params().connectivity
+        self.own.connectivity()
     }
     /// Returns true if the module stands at the seed of its goal.
     pub fn is_root(&self) -> bool {

@@ -28,9 +28,10 @@ impl Cube {
         let is_seed = own.role == Role::Final && own.masks.seed;
         let subtree = if is_seed { self.subtree(now) } else { 0 };
         let custody = self.forest.custody().announced();
+        let carries = self.carries_for_call();
         let urgent = self.reporter.reported.is_none_or(|r| {
             (r.epoch, r.role, r.immobile) != (own.epoch, own.role, own.immobile)
-                || r.custody != custody
+                || (r.carries, r.custody) != (carries, custody)
                 || (is_seed && r.subtree != subtree)
         });
         let rested = now.since(self.reporter.reported_at) >= own.params().heartbeat;
@@ -49,6 +50,7 @@ impl Cube {
             subtree,
             prevented: self.prevented,
             waits_for: self.planner.waits_for,
+            carries,
             custody,
         };
         if self.reporter.reported != Some(status) {

@@ -4,6 +4,7 @@
 //! as masks of faces. *Invariant.* The masks are determined by the other fields and the time of the step; a debug
 //! build recomputes and compares them at the start of every step.
 
+use super::epoch::Epoch;
 use super::message::{Beacon, Role};
 use crate::digest::Portable;
 use crate::ids::Session;
@@ -39,7 +40,7 @@ pub(super) struct Sides {
     silent_at: Time,
     /// For each face, the epoch in which the dead neighbour is certified to have been finalized. The certificate counts
     /// even if the neighbour was never heard.
-    died_final: [Option<u16>; 6],
+    died_final: [Option<Epoch>; 6],
     /// The last beacon of each neighbour in this session.
     peers: [Option<Beacon>; 6],
 }
@@ -80,7 +81,7 @@ impl Sides {
     pub fn is_certified_dead(&self, face: Face) -> bool {
         self.certified_dead & face.bit() != 0
     }
-    pub fn died_final(&self, face: Face) -> Option<u16> {
+    pub fn died_final(&self, face: Face) -> Option<Epoch> {
         self.died_final[face.index()]
     }
     fn among(&self, mask: u8, face: Face) -> Option<&Beacon> {
@@ -158,7 +159,7 @@ impl Sides {
 
     /// Notes that the neighbour on a face is certified dead, and the goal in which it was finalized, if it
     /// was.
-    pub fn certify_dead(&mut self, face: Face, died_final: Option<u16>) {
+    pub fn certify_dead(&mut self, face: Face, died_final: Option<Epoch>) {
         self.certified_dead |= face.bit();
         self.died_final[face.index()] = died_final;
         self.update(face);

@@ -1,7 +1,8 @@
 //! The state that the parts of a cube read: the module itself, its neighbours, and the time of the step.
 
+use super::epoch::{Epoch, Withheld};
 use super::message::{Beacon, Role};
-use super::params::{Params, Setup};
+use super::params::{Connectivity, Params, Setup};
 use super::sides::Sides;
 use crate::defects::Defect;
 use crate::goal::{Goal, Growth};
@@ -73,6 +74,20 @@ impl GoalMasks {
     }
 }
 
+/// The part of a goal that an epoch does not withhold.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Part {
+    pub withheld: Withheld,
+    /// Derived from the goal and from what is withheld.
+    pub goal: Arc<Goal>,
+}
+
+impl Hash for Part {
+    fn hash<H: Hasher>(&self, hasher: &mut H) {
+        self.withheld.hash(hasher);
+    }
+}
+
 /// What a module knows of itself.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Own {
@@ -81,8 +96,12 @@ pub(super) struct Own {
     pub cell: Cell,
     /// When the module arrived at its cell or, if later, restarted there.
     pub settled: Time,
-    /// The goal that it works for.
-    pub epoch: u16,
+    /// The epoch that it works in.
+    pub epoch: Epoch,
+    /// What it works for, if the epoch withholds a part of the goal.
+    pub part: Option<Part>,
+    /// When this incarnation began, by the controller's clock.
+    pub born: Time,
     pub role: Role,
     /// True if it has lost its memory at this cell and cannot know its former role.
     pub restarted: bool,
@@ -100,10 +119,16 @@ pub(super) struct Own {
 impl Own {
     pub fn goal(&self) -> &Goal {
         // Invariant: epochs are only taken up if there is a goal for them, and there is a first goal.
-        &self.setup.goals[usize::from(self.epoch)]
+        self.part
+            .as_ref()
+            .map_or_else(|| &self.setup.goals[usize::from(self.epoch.goal())], |part| &part.goal)
     }
     pub fn params(&self) -> &Params {
         &self.setup.params
+    }
+    /// Returns the connectivity check in use.
+    pub fn connectivity(&self) -> Connectivity {
+        self.params().connectivity_in(self.epoch)
     }
     /// Returns true if a test has switched this defect on.
     pub fn has(&self, defect: Defect) -> bool {

@@ -7,6 +7,7 @@ use crate::cube::world::CubeWorld;
 use crate::kernel::audited::{Agents, Audited};
 use crate::world::World;
 use crate::world::invariants::{Invariant, MOVE_WITHIN_LEASE, Violation, move_within_lease};
+use metamorph_protocol::cube::epoch::Epoch;
 use metamorph_protocol::cube::message::{Rank, Role};
 use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::cube::{Cube, Successor};
@@ -105,7 +106,7 @@ pub(super) struct AuditKey {
     cell: Cell,
     /// The contacts of the body, and so its neighbours.
     revision: Revision,
-    epoch: u16,
+    epoch: Epoch,
     role: Role,
     parent: Option<Face>,
     heard: u8,

@@ -5,12 +5,14 @@
 //!
 //! Nothing is called as long as nothing is broken, so runs without faults are as they would be without calls.
 
+use crate::cube::diagnosis::Known;
 use crate::cube::reachability::{PlannedMove, StandstillSnapshot, plan};
 use crate::cube::world::CubeWorld;
 use metamorph_protocol::cube::call::{MAX_STEPS, Step, Way};
 use metamorph_protocol::cube::control::Order;
+use metamorph_protocol::cube::epoch::Epoch;
 use metamorph_protocol::cube::params::Params;
-use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::ids::{ModuleId, Token};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
@@ -33,6 +35,24 @@ const PAUSE: u64 = 12;
 /// The largest number of plans that are given up before one more cell is filled.
 const MOST_GIVEN_UP: u8 = 16;
 
+/// A part of a plan: the way of one module.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct Leg {
+    way: Way,
+    /// The cell of the module that the only step lands on, if the mover cannot ask it for consent and it may leave.
+    unasked: Option<Cell>,
+}
+
+/// A module that has been asked to carry the called one.
+#[derive(Clone, Copy, Debug, Hash)]
+struct Asked {
+    leg: Leg,
+    carrier: ModuleId,
+    mover: ModuleId,
+    /// The end of the call.
+    until: Time,
+}
+
 /// A call that has been sent.
 #[derive(Clone, Copy, Debug, Hash)]
 struct Sent {
@@ -47,8 +67,11 @@ struct Sent {
 /// The calls of a run.
 #[derive(Clone, Debug, Default, Hash)]
 pub(super) struct Calls {
-    /// The ways that are left of the present plan.
-    ways: VecDeque<Way>,
+    /// What is left of the present plan.
+    legs: VecDeque<Leg>,
+    asked: Option<Asked>,
+    /// The number of requests made for called modules.
+    requests: u32,
     sent: Option<Sent>,
     /// Modules that did not set out, since the last news.
     refused: BTreeSet<ModuleId>,
@@ -60,6 +83,14 @@ pub(super) struct Calls {
     next: Time,
     /// True if calls have filled a cell since something last broke.
     is_fruitful: bool,
+}
+
+/// The swarm, as the director knows it.
+#[derive(Clone, Copy)]
+pub(super) struct Swarm<'a> {
+    pub epoch: Epoch,
+    pub params: &'a Params,
+    pub known: &'a [Known],
 }
 
 /// What the director knows of the progress.
@@ -83,32 +114,40 @@ impl Calls {
         standing: Standing,
         world: &mut CubeWorld,
         snapshot: &dyn Fn(&CubeWorld) -> StandstillSnapshot,
-        (epoch, params): (u16, &Params),
+        swarm: Swarm<'_>,
         commands: &mut VecDeque<Command<Order>>,
     ) {
         let news = standing.last_fill.max(standing.last_fault);
         if news != self.news {
-            let are_done = self.ways.is_empty() && self.sent.is_some();
+            let are_done = self.legs.is_empty() && self.sent.is_some();
             let is_fruitful = standing.last_fill > standing.last_fault && (self.is_fruitful || are_done);
-            *self = Calls { news, is_fruitful, ..Calls::default() };
+            *self = Calls { news, is_fruitful, requests: self.requests, ..Calls::default() };
         }
         self.watch(now, world);
-        if self.sent.is_some() || self.given_up >= MOST_GIVEN_UP {
+        if let Some(asked) = self.asked {
+            self.follow_up(now, asked, swarm, commands);
+        }
+        if self.asked.is_some() || self.sent.is_some() || self.given_up >= MOST_GIVEN_UP {
             return;
         }
         let changed = news.max(standing.last_move);
-        let patience = if self.is_fruitful { params.move_time * PAUSE } else { standing.patience };
-        if self.ways.is_empty() && now.since(changed) > patience && now >= self.next {
+        let patience = if self.is_fruitful { swarm.params.move_time * PAUSE } else { standing.patience };
+        if self.legs.is_empty() && now.since(changed) > patience && now >= self.next {
             let snapshot = snapshot(world);
-            self.ways = self.find(world, &snapshot).unwrap_or_default();
-            if self.ways.is_empty() {
+            self.legs = self.find(world, &snapshot).unwrap_or_default();
+            if self.legs.is_empty() {
                 // Walkers that rest take a place in the forest meanwhile, and carry others then.
                 self.next = now + standing.patience;
             }
         }
-        if let Some(way) = self.ways.pop_front() {
-            self.call(now, way, world, (epoch, params), commands);
+        if let Some(leg) = self.legs.pop_front() {
+            self.call(now, leg, world, swarm, commands);
         }
+    }
+
+    /// Returns true if no module is called.
+    pub fn is_idle(&self) -> bool {
+        self.legs.is_empty() && self.sent.is_none() && self.asked.is_none()
     }
 
     /// Drops the plan if the called module does not come.
@@ -116,38 +155,90 @@ impl Calls {
         let Some(sent) = self.sent else { return };
         let at = world.cell(sent.module);
         let stays = at == sent.from && !world.is_moving(sent.module);
-        if at == sent.to && !world.is_moving(sent.module) && !self.ways.is_empty() {
+        if at == sent.to && !world.is_moving(sent.module) && !self.legs.is_empty() {
             self.sent = None;
         } else if now > sent.until || (stays && now > sent.leaves_by) {
             if stays {
                 self.refused.insert(sent.module);
             }
-            self.given_up += 1;
-            (self.sent, self.ways) = (None, VecDeque::new());
+            self.give_up();
         }
+    }
+
+    fn give_up(&mut self) {
+        self.given_up += 1;
+        (self.sent, self.asked, self.legs) = (None, None, VecDeque::new());
+    }
+
+    /// Calls the mover once the module that it lands on has granted that.
+    fn follow_up(
+        &mut self,
+        now: Time,
+        asked: Asked,
+        swarm: Swarm<'_>,
+        commands: &mut VecDeque<Command<Order>>,
+    ) {
+        let carries = swarm.known[asked.carrier.index()].status.and_then(|status| status.carries);
+        if now >= asked.until {
+            self.give_up();
+        } else if carries == Some(asked.mover) {
+            self.asked = None;
+            self.call_until(asked.until, asked.mover, asked.leg.way, swarm, commands);
+        }
+    }
+
+    /// Calls a module for one step, which it starts before `until` or not at all.
+    fn call_until(
+        &mut self,
+        until: Time,
+        module: ModuleId,
+        way: Way,
+        Swarm { epoch, params, .. }: Swarm<'_>,
+        commands: &mut VecDeque<Command<Order>>,
+    ) {
+        let arrives_by = until + params.move_time * 2;
+        let (from, to) = (way.from(), way.to());
+        self.sent = Some(Sent { module, from, to, leaves_by: until, until: arrives_by });
+        commands.push_back(Command::Order(module, Order::Call { epoch, until, way }));
     }
 
     fn call(
         &mut self,
         now: Time,
-        way: Way,
+        leg: Leg,
         world: &CubeWorld,
-        (epoch, params): (u16, &Params),
+        swarm: Swarm<'_>,
         commands: &mut VecDeque<Command<Order>>,
     ) {
-        let Some(module) = world.body_at(way.from()) else { return self.ways.clear() };
+        let (Leg { way, .. }, Swarm { epoch, params, known }) = (leg, swarm);
+        let Some(module) = world.body_at(way.from()) else { return self.legs.clear() };
+        if let Some(carrier) = leg.unasked.and_then(|cell| world.body_at(cell)) {
+            // What is granted from now on lasts longer than the move of a call that ends then. So does the time in which a
+            // dead module only listens, should it be started again.
+            let until = now + params.start_within();
+            if !known[carrier.index()].alive {
+                return self.call_until(until, module, way, swarm, commands);
+            }
+            let carries_at = way.to();
+            let Some(face) = world.cell(carrier).face_to(carries_at) else { return self.legs.clear() };
+            self.requests += 1;
+            self.asked = Some(Asked { leg, carrier, mover: module, until });
+            let token = Token(self.requests);
+            let order = Order::Carry { epoch, mover: module, token, face };
+            return commands.push_back(Command::Order(carrier, order));
+        }
         let steps = way.steps().count() as u64;
         let arrives_by = now + params.move_time * (TO_SET_OUT + PER_STEP * steps);
         // At the end of the last way it waits until the cell may be started out of turn.
-        let until = if self.ways.is_empty() { arrives_by + params.out_of_turn_after } else { arrives_by };
+        let until = if self.legs.is_empty() { arrives_by + params.out_of_turn_after } else { arrives_by };
         let leaves_by = now + params.move_time * TO_SET_OUT;
         self.sent = Some(Sent { module, from: way.from(), to: way.to(), leaves_by, until });
         commands.push_back(Command::Order(module, Order::Call { epoch, until, way }));
     }
 
-    /// Returns the ways of a plan that fills one more cell: of the module with the shortest way or, in a small swarm, of
+    /// Returns the parts of a plan that fills one more cell: of the module with the shortest way or, in a small swarm, of
     /// several modules.
-    fn find(&self, world: &mut CubeWorld, snapshot: &StandstillSnapshot) -> Option<VecDeque<Way>> {
+    fn find(&self, world: &mut CubeWorld, snapshot: &StandstillSnapshot) -> Option<VecDeque<Leg>> {
         let mut snapshot = snapshot.clone();
         let arrangements = (EFFORT / CANDIDATES / snapshot.modules.len().max(1)).min(ARRANGEMENTS);
         let may_go: Vec<usize> = (0..snapshot.modules.len())
@@ -178,25 +269,30 @@ impl Calls {
             }
         }
         let best = best.or_else(|| plan(&together?, ARRANGEMENTS))?;
-        Some(ways(&best))
+        Some(legs(&best))
     }
 }
 
-/// Returns a plan as ways, each of one module.
-fn ways(plan: &[PlannedMove]) -> VecDeque<Way> {
-    let mut ways = VecDeque::new();
+/// Returns a plan in parts, each the way of one module. A step onto a module that has to be asked first is a part of its own.
+fn legs(plan: &[PlannedMove]) -> VecDeque<Leg> {
+    let is_asked_first = |planned: &PlannedMove| planned.is_unasked && !planned.lands_on_fixed;
+    let mut legs = VecDeque::new();
     let mut rest = plan;
     while let Some(first) = rest.first() {
-        let (mut at, mut steps) = (first.from, Vec::new());
-        for planned in rest.iter().take(MAX_STEPS).take_while(|planned| {
-            let follows = planned.from == at;
+        let mut at = first.from;
+        let follows = |planned: &&PlannedMove| {
+            let follows = planned.from == at && !is_asked_first(planned);
             at = planned.motion.destination(planned.from);
             follows
-        }) {
-            steps.push(Step { motion: planned.motion, lands_on_fixed: planned.lands_on_fixed });
-        }
-        rest = &rest[steps.len()..];
-        ways.extend(Way::new(first.from, &steps));
+        };
+        let count = rest.iter().take(MAX_STEPS).take_while(follows).count().max(1);
+        let (part, others) = rest.split_at(count);
+        let step = |p: &PlannedMove| Step { motion: p.motion, is_vouched: p.is_unasked };
+        let steps: Vec<Step> = part.iter().map(step).collect();
+        let landing = first.motion.destination(first.from).step(first.motion.landing_support());
+        let unasked = is_asked_first(first).then_some(landing);
+        legs.extend(Way::new(first.from, &steps).map(|way| Leg { way, unasked }));
+        rest = others;
     }
-    ways
+    legs
 }

@@ -7,6 +7,7 @@ use crate::kernel::audited::Agents;
 use crate::world::invariants::Violation;
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::cube::control::CustodyKey;
+use metamorph_protocol::cube::epoch::Epoch;
 use metamorph_protocol::cube::message::Role;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::{Cell, Face};
@@ -14,7 +15,7 @@ use metamorph_protocol::time::Time;
 use std::collections::BTreeMap;
 
 /// One death and goal: the module, where it lies, its time of death and the goal.
-type Custody = (ModuleId, Cell, Time, u16);
+type Custody = (ModuleId, Cell, Time, Epoch);
 
 /// For every death and goal, the best holder that has ever announced itself.
 #[derive(Clone, Debug, Default, Hash)]
@@ -88,14 +89,12 @@ impl CubeWorld {
         let holders = beside.iter().filter(holds).count();
         note(found, DEAD_HELD, now, dead, invariants::dead_held(holders));
         let at = self.cell(dead);
-        let all = (dead, at, Time::ZERO, 0)..=(dead, at, Time::NEVER, u16::MAX);
+        let all = (dead, at, Time::ZERO, Epoch::default())..=(dead, at, Time::NEVER, Epoch::LAST);
         let Some(((.., epoch), (_, best))) = self.announced.0.range(all).next_back() else { return };
-        // Modules that have not heard of the latest goal still hold for the one before.
-        let best = beside.iter().find(|(id, _)| id == best);
-        let stays = best.is_some_and(|(id, face)| {
-            let is_of_goal = agents.last(*id).is_some_and(|cube| cube.epoch() == *epoch);
-            !is_of_goal || self.stays(now, *id, *face, agents)
-        });
+        // A module holds for the epoch that it works in; it may have left in a later one.
+        let is_of_epoch = agents.last(*best).is_some_and(|cube| cube.epoch() == *epoch);
+        let is_beside = beside.iter().find(|(id, _)| id == best);
+        let stays = !is_of_epoch || is_beside.is_some_and(|(id, face)| self.stays(now, *id, *face, agents));
         note(found, BEST_HOLDER_STAYS, now, dead, invariants::best_holder_stays(stays));
     }
 

@@ -9,6 +9,7 @@ use crate::director::outcome::{Stall, Waiter};
 use crate::director::reason::Why;
 use crate::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_ACTIVE_TARGET, NO_WAY};
 use metamorph_protocol::cube::control::Status;
+use metamorph_protocol::cube::epoch::Epoch;
 use metamorph_protocol::cube::message::Role;
 use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::goal::Goal;
@@ -31,8 +32,8 @@ pub struct Known {
 }
 
 impl Known {
-    pub(crate) fn is_final(&self, stage: u16) -> bool {
-        self.status.is_some_and(|s| s.role == Role::Final && s.epoch == stage)
+    pub(crate) fn is_final(&self, epoch: Epoch) -> bool {
+        self.status.is_some_and(|s| s.role == Role::Final && s.epoch == epoch)
     }
     /// True if it is in reserve and has no place in the forest of parents.
     fn is_unattached(&self) -> bool {
@@ -43,28 +44,28 @@ impl Known {
     }
 }
 
-/// Returns the reason for a standstill in the building of goal number `stage`.
+/// Returns the reason for a standstill in the building of the goal of an epoch.
 pub fn diagnose(
     world: &mut CubeWorld,
     known: &[Known],
     goal: &Goal,
     connectivity: Connectivity,
-    stage: u16,
+    epoch: Epoch,
     since: Time,
 ) -> Stall {
     let filled = |cell: Cell| {
-        world.body_at(cell).is_some_and(|id| known[id.index()].is_final(stage) || !known[id.index()].alive)
+        world.body_at(cell).is_some_and(|id| known[id.index()].is_final(epoch) || !known[id.index()].alive)
     };
     let unfilled: Vec<Cell> = goal.cells().filter(|c| !filled(*c)).collect();
     // An unfilled cell that has waited long enough is started by any live finalized neighbour.
-    let starts = |id: ModuleId| known[id.index()].alive && known[id.index()].is_final(stage);
+    let starts = |id: ModuleId| known[id.index()].alive && known[id.index()].is_final(epoch);
     let targets: BTreeSet<Cell> = unfilled
         .iter()
         .copied()
         .filter(|c| c.neighbours().into_iter().filter_map(|n| world.body_at(n)).any(starts))
         .collect();
     let spare: Vec<ModuleId> = (0..known.len())
-        .filter(|i| known[*i].alive && !known[*i].is_final(stage))
+        .filter(|i| known[*i].alive && !known[*i].is_final(epoch))
         .map(|i| ModuleId(i as u32))
         .filter(|id| !world.is_stuck(*id))
         .collect();
@@ -84,7 +85,6 @@ pub fn diagnose(
         NO_ACTIVE_TARGET
     } else {
         let with_a_way = walkers_with_a_way(world, known, &spare, &targets);
-        // A cycle over a dead module cannot be locked.
         let may_leave = |id: &ModuleId| {
             connectivity != Connectivity::Cycles
                 || known[id.index()].is_walker()
@@ -110,7 +110,7 @@ pub fn snapshot(
     (known, registrar): (&[Known], &Registrar),
     goal: &Goal,
     connectivity: Connectivity,
-    stage: u16,
+    epoch: Epoch,
 ) -> StandstillSnapshot {
     let modules = (0..known.len() as u32).map(ModuleId).map(|id| {
         let of = &known[id.index()];
@@ -120,7 +120,7 @@ pub fn snapshot(
             stuck: world.is_stuck(id),
             walker: of.is_walker(),
             // The dead module in the seed cell is the root.
-            finalized: of.is_final(stage) || (!of.alive && world.cell(id) == goal.seed()),
+            finalized: of.is_final(epoch) || (!of.alive && world.cell(id) == goal.seed()),
             unattached: of.is_unattached(),
             held_for_good: !of.alive && registrar.is_held_for_good(id),
             // A module restarted in a goal cell may have been finalized: it stays.
@@ -129,27 +129,34 @@ pub fn snapshot(
                     || (of.restarted && !of.is_walker() && goal.contains(world.cell(id)))),
         }
     });
-    let fills = |id: ModuleId| known[id.index()].is_final(stage) || !known[id.index()].alive;
+    let fills = |id: ModuleId| known[id.index()].is_final(epoch) || !known[id.index()].alive;
     StandstillSnapshot {
         modules: modules.collect(),
         filled: goal.cells().filter(|c| world.body_at(*c).is_some_and(fills)).count(),
         goal: goal.cells().collect(),
+        seed: goal.seed(),
         spared_by_live: connectivity == Connectivity::Cycles,
     }
 }
 
-/// Returns true if the neighbours of a module are connected without it over live modules.
+/// Returns true if the live neighbours of a module are connected without it over live modules, and each dead one with one of
+/// these.
 fn is_spared(world: &CubeWorld, known: &[Known], id: ModuleId) -> bool {
-    let beside = |of: ModuleId| {
+    let around = |of: ModuleId| {
         let bodies = world.cell(of).neighbours().into_iter().filter_map(|n| world.body_at(n));
-        bodies.filter(|n| *n != id && known[n.index()].alive)
+        bodies.filter(|n| *n != id)
     };
+    let is_alive = |n: &ModuleId| known[n.index()].alive;
+    let beside = |of: ModuleId| around(of).filter(is_alive);
     let mut front: Vec<ModuleId> = beside(id).take(1).collect();
     let mut reached: BTreeSet<ModuleId> = front.iter().copied().collect();
     while let Some(at) = front.pop() {
         front.extend(beside(at).filter(|n| reached.insert(*n)));
     }
-    beside(id).all(|n| reached.contains(&n))
+    let is_held = |n: ModuleId| {
+        if is_alive(&n) { reached.contains(&n) } else { beside(n).any(|m| reached.contains(&m)) }
+    };
+    around(id).count() < 2 || around(id).all(is_held)
 }
 
 fn waiter(known: &[Known], module: ModuleId) -> Waiter {
@@ -287,7 +294,7 @@ mod tests {
 
     fn status(role: Role, wants: u8, waits_for: Option<u32>, pinned: bool) -> Status {
         Status {
-            epoch: 0,
+            epoch: Epoch::first(0),
             role,
             attached: true,
             immobile: false,
@@ -297,6 +304,7 @@ mod tests {
             subtree: 1,
             prevented: 0,
             waits_for: waits_for.map(ModuleId),
+            carries: None,
             custody: [Time::ZERO; 6],
         }
     }
@@ -316,7 +324,7 @@ mod tests {
             .map(|(alive, s)| Known { alive: *alive, restarted: false, status: Some(*s) })
             .collect();
         let mut world = CubeWorld::new(&bodies, Span::secs(1), 1);
-        let stall = diagnose(&mut world, &known, &goal, Connectivity::Forest, 0, Time::ZERO);
+        let stall = diagnose(&mut world, &known, &goal, Connectivity::Forest, Epoch::first(0), Time::ZERO);
         assert_eq!(stall.reason, expected, "{stall:?}");
         stall
     }

@@ -1,10 +1,11 @@
 //! The director of cubes: opens goals, injects faults, certifies deaths, watches progress and decides how the
 //! run ends. Sans-IO; both drivers carry out its commands.
 
-use crate::cube::calls::{Calls, Standing};
+use crate::cube::calls::{Calls, Standing, Swarm};
 use crate::cube::diagnosis::{Known, diagnose, snapshot};
 use crate::cube::reachability::StandstillSnapshot;
 use crate::cube::registrar::Registrar;
+use crate::cube::reopening::Reopening;
 use crate::cube::world::CubeWorld;
 use crate::director::fault_injector::FaultInjector;
 use crate::director::faults::{Fault, FaultRecord, Schedule};
@@ -13,11 +14,13 @@ use crate::director::port::DirectorPort;
 use crate::director::progress::{Progress, Stage, Stop};
 use crate::director::steering::Steering as Wish;
 use metamorph_protocol::cube::control::{Order, Status};
+use metamorph_protocol::cube::epoch::{Epoch, Opening, Withheld};
 use metamorph_protocol::cube::message::Role;
-use metamorph_protocol::cube::params::Setup;
+use metamorph_protocol::cube::params::{Connectivity, Setup};
 use metamorph_protocol::cube::steering::Steering;
 use metamorph_protocol::goal::Goal;
 use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
@@ -27,6 +30,8 @@ use std::sync::Arc;
 
 /// The part of the time without moves that ends a run after which modules are called.
 const PATIENCE: u64 = 4;
+/// The part of the time without moves that ends a run after which the goal is opened again.
+const REOPENING_PATIENCE: u64 = 2;
 
 /// The director of a swarm of cubes.
 pub struct Director {
@@ -34,7 +39,11 @@ pub struct Director {
     faults: FaultInjector,
     stop: Stop,
     failure: Ratio,
-    stage: u16,
+    /// The present epoch, and what it withholds.
+    opening: Opening,
+    /// What it works for, if the epoch withholds a part of the goal.
+    part: Option<Goal>,
+    reopening: Reopening,
     stages: Vec<Stage>,
     known: Vec<Known>,
     /// The number of modules that are dead, or finalized in the present stage.
@@ -43,6 +52,8 @@ pub struct Director {
     calls: Calls,
     commands: VecDeque<Command<Order>>,
     filled: usize,
+    /// True if all cells of the goal are filled that the epoch does not withhold.
+    is_part_built: bool,
     recount: bool,
     moves: u64,
     last_move: Time,
@@ -79,7 +90,9 @@ impl Director {
             faults: FaultInjector::new(schedule),
             stop,
             failure,
-            stage: 0,
+            opening: Opening::first(0, Time::ZERO),
+            part: None,
+            reopening: Reopening::default(),
             stages,
             known: vec![Known::default(); modules],
             // Modules are dead until they are started.
@@ -88,6 +101,7 @@ impl Director {
             calls: Calls::default(),
             commands: VecDeque::new(),
             filled: 0,
+            is_part_built: false,
             recount: true,
             moves: 0,
             last_move: Time::ZERO,
@@ -111,8 +125,11 @@ impl Director {
     }
     /// Returns the current state of the swarm as the input of a reachability search.
     pub fn snapshot(&self, world: &CubeWorld) -> StandstillSnapshot {
+        self.snapshot_for(self.goal(), world)
+    }
+    fn snapshot_for(&self, goal: &Goal, world: &CubeWorld) -> StandstillSnapshot {
         let known = (self.known.as_slice(), &self.registrar);
-        snapshot(world, known, self.goal(), self.setup.params.connectivity, self.stage)
+        snapshot(world, known, goal, self.connectivity(), self.opening.epoch)
     }
     /// Returns the effects of the faults so far.
     pub fn struck(&self) -> &[FaultRecord] {
@@ -138,7 +155,7 @@ impl Director {
     /// Returns the progress of the run.
     pub fn progress(&self) -> Progress {
         Progress {
-            stage: self.stage,
+            stage: self.opening.epoch.goal(),
             stages: self.setup.goals.len() as u16,
             goal: self.goal().len(),
             filled: self.filled,
@@ -161,8 +178,12 @@ impl Director {
     }
 
     fn goal(&self) -> &Goal {
-        // Invariant: the stage only advances while there is a next goal.
-        &self.setup.goals[usize::from(self.stage)]
+        // Invariant: the epoch only advances while there is a next goal.
+        &self.setup.goals[usize::from(self.opening.epoch.goal())]
+    }
+    /// Returns what the present epoch does not withhold of the goal.
+    fn part(&self) -> &Goal {
+        self.part.as_ref().unwrap_or_else(|| self.goal())
     }
 
     /// Describes the state of a module at the moment of a fault.
@@ -224,7 +245,7 @@ impl Director {
         if !known.alive {
             return Err(format!("dead: the process of module {id} is dead; restart it first"));
         }
-        if known.is_final(self.stage) {
+        if known.is_final(self.opening.epoch) {
             return Err(format!("settled: module {id} fills a cell and stays there until the goal changes"));
         }
         Ok(())
@@ -232,21 +253,23 @@ impl Director {
 
     /// Certifies deaths, and forwards who holds the dead.
     fn tell_of_the_dead(&mut self, world: &CubeWorld) {
-        let (stage, known) = (self.stage, &self.known);
-        let seed = self.setup.goals[usize::from(stage)].seed();
-        self.registrar.tell(world, known, stage, seed, &mut self.commands);
+        let (epoch, seed) = (self.opening.epoch, self.goal().seed());
+        self.registrar.tell(world, &self.known, epoch, seed, &mut self.commands);
     }
 
     fn count_filled(&mut self, now: Time, world: &CubeWorld) {
         self.recount = false;
-        let goal = self.goal();
+        let (epoch, goal) = (self.opening.epoch, self.goal());
         let is_filled = |id: ModuleId| {
             let k = &self.known[id.index()];
             // A dead body that still moves fills no cell.
             (!k.alive && !world.is_moving(id))
-                || k.status.is_some_and(|s| s.role == Role::Final && s.epoch == self.stage)
+                || k.status.is_some_and(|s| s.role == Role::Final && s.epoch == epoch)
         };
-        let filled = goal.cells().filter(|c| world.body_at(*c).is_some_and(is_filled)).count();
+        let is_filled = |c: &Cell| world.body_at(*c).is_some_and(is_filled);
+        let filled = goal.cells().filter(is_filled).count();
+        let is_part_built = self.part().cells().all(|c| is_filled(&c));
+        self.is_part_built = is_part_built;
         if filled > self.filled {
             self.last_fill = now;
         }
@@ -260,11 +283,11 @@ impl Director {
         if let Some(stage) = self.stages.last_mut() {
             stage.built = Some(now);
         }
-        if usize::from(self.stage) + 1 == self.setup.goals.len() {
+        let next = self.opening.epoch.next_goal();
+        if usize::from(next.goal()) == self.setup.goals.len() {
             return self.finish(now, Outcome::Built);
         }
-        self.stage += 1;
-        self.done = self.count_done();
+        self.open(Opening { epoch: next, opened: now, withheld: Withheld::NONE });
         self.stages.push(Stage {
             cells: self.goal().len(),
             filled: 0,
@@ -272,11 +295,19 @@ impl Director {
             built: None,
             known: None,
         });
+    }
+
+    /// Begins an epoch.
+    fn open(&mut self, opening: Opening) {
+        self.opening = opening;
+        self.part = opening.withheld.left_of(self.goal());
+        self.done = self.count_done();
         self.filled = 0;
+        self.is_part_built = false;
         self.recount = true;
-        (self.last_fill, self.last_move) = (now, now);
+        (self.last_fill, self.last_move) = (opening.opened, opening.opened);
         for id in (0..self.known.len() as u32).map(ModuleId) {
-            self.commands.push_back(Command::Order(id, Order::Goal { epoch: self.stage }));
+            self.commands.push_back(Command::Order(id, Order::Goal(opening)));
         }
     }
 
@@ -291,8 +322,10 @@ impl Director {
         if is_checked {
             self.next_check = now + self.setup.params.move_time;
             self.count_filled(now, world);
-            if self.filled == self.goal().len() {
-                return self.next_stage(now);
+            match self.part {
+                None if self.is_part_built => return self.next_stage(now),
+                Some(_) if self.is_part_built => return self.reopen(now, world),
+                _ => {}
             }
         }
         let planned = self.faults.is_pending() || now < self.stop.planned_until || now < self.leased;
@@ -312,31 +345,70 @@ impl Director {
             self.finish(now, Outcome::Livelock);
         } else if is_checked {
             self.call(now, world);
+            let is_idle =
+                now.since(idle_since) > self.stop.stall / REOPENING_PATIENCE && self.calls.is_idle();
+            if is_idle && self.is_broken() && self.connectivity() != Connectivity::Gradient {
+                self.reopen(now, world);
+            }
         }
+    }
+
+    /// Opens the goal again without the cells that modules have to leave; whole, if none has to.
+    fn reopen(&mut self, now: Time, world: &CubeWorld) {
+        self.reopening.take_up(self.opening.epoch.goal(), self.last_fault);
+        if self.reopening.is_over() && self.part.is_none() {
+            return;
+        }
+        let snapshot = self.snapshot(world);
+        let cells = self.reopening.withhold(&snapshot);
+        if cells.is_none() && self.part.is_none() {
+            return;
+        }
+        let withheld = Withheld::new(self.goal(), &cells.unwrap_or_default());
+        if let Some(epoch) = self.opening.epoch.reopened() {
+            self.open(Opening { epoch, opened: now, withheld: withheld.unwrap_or(Withheld::NONE) });
+        }
+    }
+
+    /// Returns true if a module is dead, has been restarted or cannot move.
+    fn is_broken(&self) -> bool {
+        let is_broken = |k: &Known| !k.alive || k.restarted || k.status.is_some_and(|s| s.immobile);
+        self.known.iter().any(is_broken)
     }
 
     /// Calls modules that hear of no goal cell, if something is broken.
     fn call(&mut self, now: Time, world: &mut CubeWorld) {
-        let is_broken = |k: &Known| !k.alive || k.restarted || k.status.is_some_and(|s| s.immobile);
-        if !self.known.iter().any(is_broken) {
+        if !self.is_broken() {
             return;
         }
         let (last_fill, last_fault, last_move) = (self.last_fill, self.last_fault, self.last_move);
         let standing = Standing { last_fill, last_fault, last_move, patience: self.stop.stall / PATIENCE };
         // The search reads all but the calls and the commands.
         let (mut calls, mut commands) = (std::mem::take(&mut self.calls), std::mem::take(&mut self.commands));
-        let of = (self.stage, &self.setup.params);
-        calls.tend(now, standing, world, &|world| self.snapshot(world), of, &mut commands);
+        let swarm = Swarm { epoch: self.opening.epoch, params: &self.setup.params, known: &self.known };
+        calls.tend(
+            now,
+            standing,
+            world,
+            &|world| self.snapshot_for(self.part(), world),
+            swarm,
+            &mut commands,
+        );
         (self.calls, self.commands) = (calls, commands);
+    }
+
+    /// Returns the connectivity check in use.
+    fn connectivity(&self) -> Connectivity {
+        self.setup.params.connectivity_in(self.opening.epoch)
     }
 
     fn may_be_built(&self) -> bool {
         debug_assert_eq!(self.done, self.count_done());
-        self.done >= self.goal().len()
+        self.done >= self.part().len()
     }
 
     fn is_done(&self, known: &Known) -> bool {
-        !known.alive || known.is_final(self.stage)
+        !known.alive || known.is_final(self.opening.epoch)
     }
     fn count_done(&self) -> usize {
         self.known.iter().filter(|k| self.is_done(k)).count()
@@ -349,8 +421,8 @@ impl Director {
     }
 
     fn explain(&self, world: &mut CubeWorld, since: Time) -> Stall {
-        let connectivity = self.setup.params.connectivity;
-        diagnose(world, &self.known, self.goal(), connectivity, self.stage, since)
+        let connectivity = self.connectivity();
+        diagnose(world, &self.known, self.goal(), connectivity, self.opening.epoch, since)
     }
 }
 
@@ -358,7 +430,8 @@ impl DirectorPort<CubeWorld> for Director {
     fn report(&mut self, now: Time, id: ModuleId, report: Status) {
         let goal = self.goal().len();
         if let Some(stage) = self.stages.last_mut()
-            && report.epoch == self.stage
+            && report.epoch == self.opening.epoch
+            && self.part.is_none()
             && report.subtree as usize >= goal
         {
             stage.known.get_or_insert(now);
@@ -390,8 +463,8 @@ impl DirectorPort<CubeWorld> for Director {
         self.prevented_before += u64::from(before);
         let restarted = self.registrar.started(id) || self.known[id.index()].restarted;
         self.learn(id, Known { alive: true, restarted, status: None });
-        if self.stage > 0 {
-            self.commands.push_back(Command::Order(id, Order::Goal { epoch: self.stage }));
+        if self.opening.epoch != Epoch::default() {
+            self.commands.push_back(Command::Order(id, Order::Goal(self.opening)));
         }
     }
 

@@ -11,4 +11,5 @@ pub mod invariants;
 pub mod reachability;
 pub mod reasons;
 pub mod registrar;
+mod reopening;
 pub mod world;

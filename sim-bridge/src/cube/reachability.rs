@@ -41,6 +41,8 @@ pub struct StandstillSnapshot {
     pub modules: Vec<ModuleSnapshot>,
     /// The goal cells.
     pub goal: Vec<Cell>,
+    /// The goal cell from which growth starts.
+    pub seed: Cell,
     /// The number of goal cells that are filled.
     pub filled: usize,
     /// True if only live modules need to stay connected without a module that leaves (connecting cycles).
@@ -78,6 +80,8 @@ pub struct PlannedMove {
     pub motion: Motion,
     /// True if the module that it lands on is finalized, or was when it died.
     pub lands_on_fixed: bool,
+    /// True if it goes from a dead module onto another one, which it cannot ask for consent.
+    pub is_unasked: bool,
 }
 
 /// Returns a plan that fills one more goal cell by the rules of the protocol, if one is found among at most `bound`
@@ -86,6 +90,15 @@ pub fn plan(snapshot: &StandstillSnapshot, bound: usize) -> Option<Vec<PlannedMo
     let state_space = StateSpace::new(snapshot, RuleSet::Held);
     let (found, steps) = state_space.search(bound);
     matches!(found, Found::Way(_)).then(|| state_space.motions(&steps))
+}
+
+/// Returns the cells that modules leave in a plan that fills the whole goal, in order, if one is found among at most `bound`
+/// arrangements. Every live module may leave that is not stuck, also a finalized one, but not the root of growth. Carried
+/// are modules as in a new epoch, in which none has left its cell yet.
+pub fn plan_of_all(snapshot: &StandstillSnapshot, bound: usize) -> Option<Vec<Cell>> {
+    let state_space = StateSpace::afresh(snapshot);
+    let (found, steps) = state_space.search(bound);
+    matches!(found, Found::Way(_)).then(|| steps.into_iter().map(|(from, _)| from).collect())
 }
 
 impl StandstillSnapshot {
@@ -113,7 +126,13 @@ impl StandstillSnapshot {
 
 /// The constant part of a search.
 struct StateSpace {
-    within: RuleSet,
+    /// True if goal cells are filled by growth, so that one counts only if it is connected with the finalized structure.
+    by_growth: bool,
+    /// True if modules move only over those that grant it, or stay for good.
+    by_consent: bool,
+    /// True if modules without a place in the forest leave only from the end of a branch, and none leaves from under
+    /// another.
+    is_held: bool,
     spared_by_live: bool,
     goal: BTreeSet<Cell>,
     /// The number of goal cells that must be filled.
@@ -135,24 +154,42 @@ struct StateSpace {
 
 impl StateSpace {
     fn new(snapshot: &StandstillSnapshot, within: RuleSet) -> StateSpace {
+        let by_growth = matches!(within, RuleSet::Held | RuleSet::Carried);
+        let enough = if by_growth { snapshot.filled + 1 } else { snapshot.goal.len() };
+        StateSpace {
+            by_growth,
+            by_consent: by_growth,
+            is_held: within == RuleSet::Held,
+            spared_by_live: snapshot.spared_by_live && within == RuleSet::Held,
+            enough,
+            ..StateSpace::with(snapshot, &|m| snapshot.moves(m, within))
+        }
+    }
+
+    /// The state space of a goal that is opened again, by the rules of connecting cycles.
+    fn afresh(snapshot: &StandstillSnapshot) -> StateSpace {
+        let space = StateSpace::with(snapshot, &|m| m.alive && !m.stuck && m.cell != snapshot.seed);
+        let (walkers, unattached) = (BTreeSet::new(), BTreeSet::new());
+        StateSpace { by_consent: true, is_held: true, spared_by_live: true, walkers, unattached, ..space }
+    }
+
+    fn with(snapshot: &StandstillSnapshot, moves: &dyn Fn(&ModuleSnapshot) -> bool) -> StateSpace {
         let cells = |which: &dyn Fn(&ModuleSnapshot) -> bool| {
             snapshot.modules.iter().filter(|m| which(m)).map(|m| m.cell).collect::<BTreeSet<Cell>>()
         };
         StateSpace {
-            within,
-            spared_by_live: snapshot.spared_by_live,
+            by_growth: false,
+            by_consent: false,
+            is_held: false,
+            spared_by_live: false,
             goal: snapshot.goal.iter().copied().collect(),
-            enough: match within {
-                RuleSet::Held | RuleSet::Carried => snapshot.filled + 1,
-                RuleSet::Grown | RuleSet::Anything => snapshot.goal.len(),
-            },
-            movers: cells(&|m| snapshot.moves(m, within)).into_iter().collect(),
-            fixed_live: cells(&|m| m.alive && !snapshot.moves(m, within)),
+            enough: snapshot.goal.len(),
+            movers: cells(moves).into_iter().collect(),
+            fixed_live: cells(&|m| m.alive && !moves(m)),
             dead: cells(&|m| !m.alive),
             walkers: cells(&|m| m.walker),
-            // With connecting cycles the dead are not held, and start none.
             roots: cells(&|m| {
-                let starts = !snapshot.spared_by_live && (m.finalized || m.held_for_good);
+                let starts = m.finalized || m.held_for_good;
                 if m.alive { m.finalized } else { starts && snapshot.goal.contains(&m.cell) }
             }),
             finalized: cells(&|m| m.finalized),
@@ -160,17 +197,11 @@ impl StateSpace {
         }
     }
 
-    /// Returns true if the rules are those of the protocol, or differ only in which modules may leave: goal cells are
-    /// filled by growth, and walkers do not carry.
-    fn grows(&self) -> bool {
-        matches!(self.within, RuleSet::Held | RuleSet::Carried)
-    }
-
     /// Searches for an arrangement with enough goal cells filled. Returns the moves to it, as the cells of a module
     /// before and after.
     fn search(&self, bound: usize) -> (Found, Vec<(Cell, Cell)>) {
         let start = self.movers.clone();
-        if self.grows() && !self.is_enough(&start) && self.is_out_of_reach(&start) {
+        if self.by_growth && !self.is_enough(&start) && self.is_out_of_reach(&start) {
             return (Found::Impossible(1), Vec::new());
         }
         // For each arrangement the one before it, and the move between them.
@@ -214,8 +245,10 @@ impl StateSpace {
             let is_live = |m: &Motion| self.carries(&at, &grown, from.step(m.support));
             let live = motions().filter(|m| possible(m) && is_live(m)).min_by_key(|m| m.kind as u8);
             if let Some(motion) = live.or_else(|| motions().find(possible)) {
-                let lands_on_fixed = self.finalized.contains(&to.step(motion.landing_support()));
-                planned.push(PlannedMove { from, motion, lands_on_fixed });
+                let (support, landing) = (from.step(motion.support), to.step(motion.landing_support()));
+                let lands_on_fixed = self.finalized.contains(&landing);
+                let is_unasked = self.dead.contains(&support) && support != landing;
+                planned.push(PlannedMove { from, motion, lands_on_fixed, is_unasked });
             }
             let place = at.partition_point(|c| *c < to);
             at.insert(place, to);
@@ -246,7 +279,7 @@ impl StateSpace {
     /// Returns true if enough goal cells are filled. Where goal cells are filled by growth, a cell counts only if it is
     /// part of the structure grown from the finalized one, or has a dead module in it.
     fn is_enough(&self, at: &[Cell]) -> bool {
-        let grown = self.grows().then(|| self.grown(at));
+        let grown = self.by_growth.then(|| self.grown(at));
         let is_filled = |c: &&Cell| match &grown {
             Some(grown) => self.dead.contains(c) || grown.contains(c),
             None => self.is_taken(at, **c),
@@ -290,7 +323,7 @@ impl StateSpace {
 
     /// Returns every arrangement after one move, and the move.
     fn moves(&self, at: &[Cell]) -> Vec<(Vec<Cell>, (Cell, Cell))> {
-        let grown = if self.grows() { self.grown(at) } else { BTreeSet::new() };
+        let grown = if self.by_consent { self.grown(at) } else { BTreeSet::new() };
         let mut found = Vec::new();
         for (i, from) in at.iter().copied().enumerate() {
             let mut rest = at.to_vec();
@@ -315,14 +348,9 @@ impl StateSpace {
     fn is_possible(&self, rest: &[Cell], grown: &BTreeSet<Cell>, from: Cell, motion: Motion) -> bool {
         let to = motion.destination(from);
         let (support, landing) = (from.step(motion.support), to.step(motion.landing_support()));
-        let carries = if self.grows() {
-            let live = |cell| self.carries(rest, grown, cell);
-            if self.dead.contains(&support) {
-                // A dead support passes no request on to the module that the mover lands on.
-                support == landing || self.finalized.contains(&landing)
-            } else {
-                live(support) && (live(landing) || self.dead.contains(&landing))
-            }
+        let carries = if self.by_consent {
+            let carries = |cell| self.carries(rest, grown, cell) || self.dead.contains(&cell);
+            carries(support) && carries(landing)
         } else {
             self.is_taken(rest, support) && self.is_taken(rest, landing)
         };
@@ -338,30 +366,46 @@ impl StateSpace {
             }
             are_together(&beside, counts)
         };
-        let is_held = self.within == RuleSet::Held;
         let touched = || from.neighbours().into_iter().filter(|c| self.is_taken(rest, *c)).count();
-        if is_held && self.unattached.contains(&from) && touched() > 1 {
+        if self.is_held && self.unattached.contains(&from) && touched() > 1 {
             return false;
         }
-        let by_live = is_held && self.spared_by_live;
-        together(&|c| self.is_taken(rest, *c)) && (!by_live || self.is_cycled(rest, grown, from))
+        // A module that has set out may rest on this one.
+        let has_set_out = |c: &Cell| rest.binary_search(c).is_ok() && self.movers.binary_search(c).is_err();
+        let rests_here = |c: &Cell| has_set_out(c) && !grown.contains(c);
+        let is_first_move = self.movers.binary_search(&from).is_ok() && !self.walkers.contains(&from);
+        if self.is_held && is_first_move && from.neighbours().iter().any(rests_here) {
+            return false;
+        }
+        together(&|c| self.is_taken(rest, *c)) && (!self.spared_by_live || self.is_cycled(rest, grown, from))
     }
 
     /// Returns true if cycles of live modules around a cell connect its neighbours, without the module in it. The finalized
-    /// structure counts as one module; a dead one of it answers no search, and only what touches it knows of it.
+    /// structure counts as one module, with the dead that belong to it or touch it. Any other dead one counts as connected
+    /// with a live module that touches it.
     fn is_cycled(&self, rest: &[Cell], grown: &BTreeSet<Cell>, from: Cell) -> bool {
         let is_live = |c: &Cell| *c != from && self.carries(rest, grown, *c);
+        let is_grown = |c: &Cell| is_live(c) && grown.contains(c);
+        let is_root = |c: &Cell| self.finalized.contains(c) || c.neighbours().iter().any(is_grown);
         let beside = from.neighbours();
         let live: Vec<Cell> = beside.into_iter().filter(is_live).collect();
+        let (rooted, dead): (Vec<Cell>, Vec<Cell>) =
+            beside.into_iter().filter(|c| self.dead.contains(c)).partition(is_root);
+        let is_rooted = !rooted.is_empty() || live.iter().any(|c| self.finalized.contains(c));
         let mut reached = spread(live.first().copied().into_iter(), &is_live);
-        let is_rooted = beside.iter().any(|c| self.finalized.contains(c));
-        let roots = || grown.iter().copied().filter(is_live);
-        if is_rooted && reached.iter().any(|c| grown.contains(c)) {
-            reached = spread(reached.into_iter().chain(roots()), &is_live);
+        let is_dead_root = |c: &Cell| self.dead.contains(c) && is_root(c);
+        let touches_root = |c: &Cell| grown.contains(c) || c.neighbours().iter().any(is_dead_root);
+        if is_rooted && reached.iter().any(touches_root) {
+            let roots = grown.iter().copied().filter(is_live);
+            reached = spread(reached.into_iter().chain(roots), &is_live);
         } else if is_rooted && !live.is_empty() {
             return false;
         }
-        live.iter().all(|c| reached.contains(c))
+        if live.is_empty() {
+            return dead.len() + usize::from(is_rooted) < 2;
+        }
+        let is_held = |c: &Cell| c.neighbours().iter().any(|n| reached.contains(n));
+        live.iter().all(|c| reached.contains(c)) && dead.iter().all(is_held)
     }
 }
 
@@ -429,7 +473,7 @@ mod tests {
     fn snapshot(modules: &[ModuleSnapshot], goal: &[[i16; 3]]) -> StandstillSnapshot {
         let goal: Vec<Cell> = goal.iter().copied().map(Cell::from).collect();
         let filled = modules.iter().filter(|m| goal.contains(&m.cell) && (m.finalized || !m.alive)).count();
-        StandstillSnapshot { modules: modules.to_vec(), goal, filled, spared_by_live: false }
+        StandstillSnapshot { modules: modules.to_vec(), seed: goal[0], goal, filled, spared_by_live: false }
     }
 
     #[test]
@@ -481,17 +525,20 @@ mod tests {
                 from: Cell::new(2, 0, 0),
                 motion: Motion { kind: MotionKind::Convex, support: Face::West, heading: Face::Up },
                 lands_on_fixed: false,
+                is_unasked: false,
             },
             PlannedMove {
                 from: Cell::new(1, 0, 1),
                 motion: Motion { kind: MotionKind::Slide, support: Face::Down, heading: Face::West },
                 lands_on_fixed: true,
+                is_unasked: true,
             },
         ];
         assert_eq!(plan(&row, 1_000), Some(steps.to_vec()));
-        // From a dead module it cannot step onto one that may leave, because no request reaches that one.
-        let apart = [root(0, 0, 0), at(1, 0, 0), dead(2, 0, 0), at(3, 0, 0)];
-        assert_eq!(widest_proof(&snapshot(&apart, &tower), 1_000), Ok(RuleSet::Carried));
+        // From a dead module it steps onto one that may leave, which the controller asks for consent.
+        let apart = snapshot(&[root(0, 0, 0), at(1, 0, 0), dead(2, 0, 0), at(3, 0, 0)], &tower);
+        let unasked = plan(&apart, 1_000).unwrap().into_iter().filter(|step| step.is_unasked);
+        assert_eq!(unasked.map(|step| step.lands_on_fixed).collect::<Vec<bool>>(), [false]);
         // A dead module in a goal cell starts the next one if a finalized module holds it.
         let goal = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
         for held_for_good in [false, true] {

@@ -4,6 +4,7 @@
 use crate::cube::diagnosis::Known;
 use crate::cube::world::CubeWorld;
 use metamorph_protocol::cube::control::{CustodyAnnouncement, CustodyKey, Order, Status};
+use metamorph_protocol::cube::epoch::Epoch;
 use metamorph_protocol::cube::message::Role;
 use metamorph_protocol::ids::{ModuleId, Session};
 use metamorph_protocol::lattice::{Cell, Face};
@@ -17,8 +18,8 @@ struct Death {
     died: Time,
     /// The contacts whose module has been told of the death.
     told: BTreeSet<Session>,
-    /// The goal and the cell of the dead body that `best` is valid for; a body may come to rest after its death.
-    of: (u16, Option<Cell>),
+    /// The epoch and the cell of the dead body that `best` is valid for; a body may come to rest after its death.
+    of: (Epoch, Option<Cell>),
     best: Option<(CustodyKey, CustodyAnnouncement)>,
     /// The contacts whose module has been told of the best holder.
     informed: BTreeSet<Session>,
@@ -39,7 +40,8 @@ impl Registrar {
     pub fn died(&mut self, now: Time, id: ModuleId) {
         self.last = now.max(self.last + Span(1));
         let (told, informed) = (BTreeSet::new(), BTreeSet::new());
-        self.deaths.insert(id, Death { died: self.last, told, of: (0, None), best: None, informed });
+        self.deaths
+            .insert(id, Death { died: self.last, told, of: (Epoch::default(), None), best: None, informed });
         self.news.remove(&id);
     }
     /// Notes that a module was started. Returns true if it had died before.
@@ -68,14 +70,14 @@ impl Registrar {
         &mut self,
         world: &CubeWorld,
         known: &[Known],
-        stage: u16,
+        epoch: Epoch,
         seed: Cell,
         commands: &mut VecDeque<Command<Order>>,
     ) {
         for (victim, death) in &mut self.deaths {
-            let of = (stage, Some(world.cell(*victim)));
+            let of = (epoch, Some(world.cell(*victim)));
             // Growth starts in the seed cell, so a dead module there is the root, whatever it has reported.
-            let finalized = known[victim.index()].is_final(stage) || world.cell(*victim) == seed;
+            let finalized = known[victim.index()].is_final(epoch) || world.cell(*victim) == seed;
             if death.of != of {
                 (death.of, death.best) = (of, None);
                 death.informed.clear();
@@ -93,7 +95,7 @@ impl Registrar {
                 let (port, session, peer) = (contact.peer_port, contact.session, contact.peer);
                 if death.told.insert(session) {
                     let died = death.died;
-                    let order = Order::Condemn { port, session, epoch: stage, finalized, died };
+                    let order = Order::Condemn { port, session, epoch, finalized, died };
                     commands.push_back(Command::Order(peer, order));
                 }
                 if let Some((key, best)) = death.best

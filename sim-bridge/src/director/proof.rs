@@ -9,8 +9,7 @@ use std::fmt;
 pub enum RuleSet {
     /// Modules do not let go of what may hang on them: they cannot know that it is safe.
     Held,
-    /// Walkers carry no other module, no module steps from a dead one onto one that may leave, and the finalized
-    /// structure stays.
+    /// Walkers carry no other module, and the finalized structure stays.
     Carried,
     /// The finalized structure stays.
     Grown,

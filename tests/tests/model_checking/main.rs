@@ -11,6 +11,7 @@ use controller::Controller;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::cube::control::{Order, Status};
+use metamorph_protocol::cube::epoch::Epoch;
 use metamorph_protocol::cube::message::Role;
 use metamorph_protocol::cube::params::{Connectivity, Params, Setup};
 use metamorph_protocol::defects::Defect;
@@ -92,7 +93,7 @@ impl Controller<CubeWorld> for Certifying {
     }
     fn orders(&mut self, world: &CubeWorld) -> Vec<(ModuleId, Order)> {
         let mut commands = VecDeque::new();
-        self.registrar.tell(world, &self.known, 0, self.seed, &mut commands);
+        self.registrar.tell(world, &self.known, Epoch::default(), self.seed, &mut commands);
         let orders = commands.into_iter().filter_map(|command| match command {
             Command::Order(id, order) => Some((id, order)),
             _ => None,

@@ -172,8 +172,7 @@ pub struct Standstill {
     #[serde(default = "undecided")]
     pub possible: String,
     /// The widest rules under which progress is proved impossible: `held` (connections that may carry a
-    /// broken module are not released), `carried` (walkers carry none, and no module steps from a dead one onto
-    /// one that may leave), `grown` (what is built stays) or `anything`; null if nothing is proved.
+    /// broken module are not released), `carried` (walkers carry none), `grown` (what is built stays) or `anything`; null if nothing is proved.
     #[serde(default)]
     pub impossible_within: Option<String>,
     /// The moves of the plan that was found; null if there is none.

@@ -5,12 +5,14 @@ use crate::counters::Class;
 use crate::cube::body::{Move, Percept, Refusal};
 use crate::cube::call::{Step, Way};
 use crate::cube::control::{CustodyAnnouncement, Order, Status};
+use crate::cube::epoch::{Epoch, MOST_WITHHELD, Opening, Withheld};
 use crate::cube::route::MAX_HOPS;
 use crate::cube::steering::Steering;
+use crate::goal::{Goal, Growth};
 use crate::ids::{Incarnation, Port, Session};
 use crate::lattice::{Cell, Motion, MotionKind};
 use crate::time::Time;
-use crate::wire::{Channel, Frame, HEADER, Header};
+use crate::wire::{Channel, Frame, HEADER, Header, PAYLOAD};
 use proptest::prelude::*;
 
 fn header() -> Header {
@@ -32,7 +34,7 @@ fn beacon() -> Beacon {
     Beacon {
         id: ModuleId(0x0102_0304),
         sequence: 5,
-        epoch: 1,
+        epoch: Epoch::first(1),
         role: Role::Reserve,
         attached: true,
         immobile: false,
@@ -72,9 +74,10 @@ fn samples() -> Vec<Message> {
         },
         Message::Response { id, hop: 0, denial: None, blocker: None, co_owners: 0, route },
         Message::Release { origin: ModuleId(9), token: Token(8) },
-        Message::Search { id, ttl: 22, route },
-        Message::Found { id, hop: 2, back: Some(Face::East), route },
-        Message::Found { id, hop: 0, back: None, route: longest },
+        Message::Search { id, ttl: 22, dead: 0b10_0001, route },
+        Message::Found { id, hop: 2, reached: Reached::Neighbour(Face::East), route },
+        Message::Found { id, hop: 1, reached: Reached::Dead(Face::Down), route },
+        Message::Found { id, hop: 0, reached: Reached::Root, route: longest },
     ]
 }
 
@@ -89,12 +92,17 @@ fn every_message_survives_the_wire_and_knows_its_length() {
     for percept in [Percept::Arrived(Cell::new(1, 2, 3)), Percept::Failed, Percept::Refused(Refusal::Late)] {
         assert_eq!(Frame::seal(header(), &percept).message::<Percept>(), Ok(percept));
     }
-    let condemn =
-        Order::Condemn { port: Port(5), session: Session(6), epoch: 1, finalized: true, died: Time(8) };
+    let condemn = Order::Condemn {
+        port: Port(5),
+        session: Session(6),
+        epoch: Epoch::first(1),
+        finalized: true,
+        died: Time(8),
+    };
     let custody = CustodyAnnouncement {
         dead: Cell::new(1, -2, 3),
         died: Time(9),
-        epoch: 1,
+        epoch: Epoch::first(1),
         face: Face::Up,
         is_final: true,
     };
@@ -102,13 +110,19 @@ fn every_message_survives_the_wire_and_knows_its_length() {
     let commands = [Steering::Release, Steering::Hold, Steering::GoTo(Cell::new(-1, 2, 3))].map(steer);
     let step = Step {
         motion: Motion { kind: MotionKind::Slide, support: Face::Up, heading: Face::North },
-        lands_on_fixed: true,
+        is_vouched: true,
     };
     let way = Way::new(Cell::new(-1, 0, 2), &[step; 3]).unwrap();
-    let call = Order::Call { epoch: 1, until: Time(9), way };
-    for order in
-        [Order::Goal { epoch: 3 }, condemn, Order::Custody(custody), call].into_iter().chain(commands)
-    {
+    let call = Order::Call { epoch: Epoch::first(1), until: Time(9), way };
+    let carry =
+        Order::Carry { epoch: Epoch::first(1), mover: ModuleId(7), token: Token(8), face: Face::West };
+    let row: Vec<Cell> = (0..=MOST_WITHHELD as i16).map(|x| Cell::new(x, 0, 0)).collect();
+    let goal = Goal::compile(&row, row[0], Growth::Solid).unwrap();
+    let withheld = Withheld::new(&goal, &row[1..]).unwrap();
+    let again = Opening { epoch: Epoch::first(3).reopened().unwrap(), opened: Time(8), withheld };
+    let goals = [Order::Goal(Opening::first(3, Time(7))), Order::Goal(again)];
+    for order in goals.into_iter().chain([condemn, Order::Custody(custody), call, carry]).chain(commands) {
+        assert!(order.wire_len() <= HEADER + PAYLOAD);
         assert_eq!(Frame::seal(header(), &order).message::<Order>(), Ok(order));
     }
     let motion = Motion { kind: MotionKind::Convex, support: Face::Down, heading: Face::East };

@@ -239,9 +239,7 @@ impl Summary {
 const fn kept(rule: RuleSet) -> &'static str {
     match rule {
         RuleSet::Held => "a module does not release what may hang on it, because that could fall off",
-        RuleSet::Carried => {
-            "walkers carry no other module, and no module steps from a dead one onto one that may leave"
-        }
+        RuleSet::Carried => "walkers carry no other module",
         RuleSet::Grown => "what is built is not taken down again",
         RuleSet::Anything => "nothing is ruled out",
     }

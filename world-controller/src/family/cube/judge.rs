@@ -90,6 +90,7 @@ mod tests {
         StandstillSnapshot {
             modules: vec![module(0, 0, true), module(1, 0, true), module(1, 1, false)],
             goal: (0..3).map(|x| Cell::new(x, 0, 0)).collect(),
+            seed: Cell::new(0, 0, 0),
             filled: 2,
             spared_by_live: false,
         }

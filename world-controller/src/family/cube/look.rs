@@ -82,7 +82,7 @@ impl Visible for Cube {
     fn standing(s: &Status) -> ModuleView {
         let flags = [s.attached, s.immobile, s.pinned, s.attracted];
         let flags = flags.into_iter().rev().fold(0, |bits, flag| bits << 1 | u8::from(flag));
-        ModuleView { role: s.role as u8, flags, place: s.epoch.into(), waits_for: s.waits_for }
+        ModuleView { role: s.role as u8, flags, place: s.epoch.goal().into(), waits_for: s.waits_for }
     }
 
     fn said(message: &Message) -> MessageLabel {
@@ -124,8 +124,12 @@ impl Visible for Cube {
 
     fn goal(order: &Order) -> Option<GoalView> {
         match order {
-            Order::Goal { epoch } => Some(GoalView { number: *epoch, ..GoalView::default() }),
-            Order::Condemn { .. } | Order::Custody(_) | Order::Steer { .. } | Order::Call { .. } => None,
+            Order::Goal(opening) => Some(GoalView { number: opening.epoch.goal(), ..GoalView::default() }),
+            Order::Condemn { .. }
+            | Order::Custody(_)
+            | Order::Steer { .. }
+            | Order::Call { .. }
+            | Order::Carry { .. } => None,
         }
     }
 }

@@ -38,7 +38,12 @@ impl Worded for Cube {
     }
     fn order(order: &CubeOrder) -> String {
         match order {
-            CubeOrder::Goal { epoch } => format!("goal {epoch} is to be built"),
+            CubeOrder::Goal(opening) if opening.withheld.is_empty() => {
+                format!("goal {} is to be built", opening.epoch)
+            }
+            CubeOrder::Goal(opening) => {
+                format!("goal {} is to be built but for {} cells", opening.epoch, opening.withheld.len())
+            }
             CubeOrder::Condemn { port, finalized, .. } => {
                 let was = if *finalized { ", and was finalized" } else { "" };
                 format!("the neighbour at port {port} is dead{was}")
@@ -50,6 +55,9 @@ impl Worded for Cube {
             },
             CubeOrder::Call { until, way, .. } => {
                 format!("it is called from {} to {}, until {until}", way.from(), way.to())
+            }
+            CubeOrder::Carry { mover, face, .. } => {
+                format!("stay, and keep the cell at {} free for module {mover}", side(*face))
             }
             CubeOrder::Custody(of) => {
                 format!("the dead module at {} is held by the one at {}", of.dead, of.holder())
