@@ -135,7 +135,10 @@ impl Cube {
     }
 
     /// Grants the controller that this module stays and keeps the cell outside a face free for a called module.
-    pub(super) fn on_carry(&mut self, now: Time, mover: ModuleId, token: Token, face: Face) {
+    pub(super) fn on_carry(&mut self, now: Time, epoch: Epoch, mover: ModuleId, token: Token, face: Face) {
+        if epoch != self.own.epoch {
+            return;
+        }
         let id = RequestId { origin: mover, token, number: CARRY };
         if self.consider(now, id, Span(u64::MAX), (None, true), Ask::Reserve(face)).is_ok() {
             hit(CoveragePoint::CubeCarries);

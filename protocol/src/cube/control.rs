@@ -39,7 +39,7 @@ pub enum Order {
     },
     /// Walk along this way, and stay at its end, since nothing moves any more.
     Call {
-        /// The goal for which this holds.
+        /// The epoch for which this holds.
         epoch: Epoch,
         /// The end of the call.
         until: Time,
@@ -66,7 +66,7 @@ pub struct CustodyAnnouncement {
     pub dead: Cell,
     /// Its time of death.
     pub died: Time,
-    /// The goal for which this holds.
+    /// The epoch for which this holds.
     pub epoch: Epoch,
     /// The face of the dead module behind which the holder is.
     pub face: Face,
@@ -178,7 +178,7 @@ impl Wire for Order {
 /// A report of a cube to the world-controller, sent when one of its fields has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Status {
-    /// The goal that it works for.
+    /// The epoch that it works in.
     pub epoch: Epoch,
     /// Its role in the growth.
     pub role: Role,

@@ -203,14 +203,7 @@ mod tests {
             }
             bench.adopt();
             bench.now = DIED + Span::secs(1);
-            let (port, session) = (Port(DEAD as u8), Session(1));
-            bench.order(Order::Condemn {
-                port,
-                session,
-                epoch: Epoch::first(0),
-                finalized: false,
-                died: DIED,
-            });
+            bench.condemn(Session(1));
             bench
         }
         fn hand_in(&mut self, input: Input<Message, super::super::Percept, Order>) {
@@ -224,6 +217,11 @@ mod tests {
                     _ => {}
                 }
             }
+        }
+        /// Certifies the death of the neighbour.
+        fn condemn(&mut self, session: Session) {
+            let (port, epoch) = (Port(DEAD as u8), Epoch::first(0));
+            self.order(Order::Condemn { port, session, epoch, finalized: false, died: DIED });
         }
         fn order(&mut self, order: Order) {
             self.hand_in(Input::Order(order));
@@ -309,13 +307,7 @@ mod tests {
                 b.claim = Claim::Parent(crate::ids::Token(1))
             });
             assert!(bench.cube.has_child(DEAD));
-            bench.order(Order::Condemn {
-                port,
-                session,
-                epoch: Epoch::first(0),
-                finalized: false,
-                died: DIED,
-            });
+            bench.condemn(session);
             bench.has_announced()
         };
         assert!(!child_dies(None));
@@ -354,7 +346,7 @@ mod tests {
             let mut bench = Bench::new(defect);
             let of = bench.announces(NEARER);
             bench.order(Order::Custody(of));
-            bench.order(Order::Goal(Opening::first(1, bench.now)));
+            bench.order(Order::Goal(Opening::whole(Epoch::first(1), bench.now)));
             assert!(!bench.is_free());
             bench.beacons.clear();
             bench.adopt();

@@ -14,7 +14,8 @@ pub const MOST_WITHHELD: usize = 36;
 /// A goal, and how often it has been opened again.
 ///
 /// The lower byte is the number of the goal and the upper one counts the openings after the first, so that the first
-/// epoch of a goal is the number of the goal. Epochs are ordered by goal, then by opening.
+/// epoch of a goal is the number of the goal. Epochs are ordered by goal, then by opening. There are at most 255 goals; the
+/// reader of scenarios allows 32.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Epoch(u16);
 
@@ -146,9 +147,9 @@ pub struct Opening {
 }
 
 impl Opening {
-    /// Returns the first opening of a goal, which withholds nothing.
-    pub fn first(goal: u8, opened: Time) -> Opening {
-        Opening { epoch: Epoch::first(goal), opened, withheld: Withheld::NONE }
+    /// Returns an opening that withholds nothing.
+    pub fn whole(epoch: Epoch, opened: Time) -> Opening {
+        Opening { epoch, opened, withheld: Withheld::NONE }
     }
     pub(super) fn encode(&self, out: &mut Encoder) {
         self.epoch.encode(out);

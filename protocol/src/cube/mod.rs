@@ -10,6 +10,7 @@
 //! * `lock_table`, `negotiation` — locks and reservations along routes, with leases;
 //! * `motion_planner` — where to go, and when; `call`, `steering` — where the controller leads it;
 //! * `beacon` — telling the neighbours; `reporter` — telling the world-controller;
+//! * `epoch` — which goal it works for, and what is withheld of it;
 //! * `view` — what the parts read: the module itself, its neighbours, the time of the step.
 //!
 //! This file holds them together: which parts an input concerns, and in which order the parts work in a step;
@@ -58,7 +59,7 @@ use beacon::Beacons;
 use body::{Move, Percept};
 use call::Called;
 use control::{Order, Status};
-use epoch::{Epoch, Opening, Withheld};
+use epoch::{Epoch, Opening};
 use lock_table::LockTable;
 use message::{Beacon, Message, RequestId, Role};
 use motion_planner::MotionPlanner;
@@ -433,9 +434,7 @@ impl Cube {
             Order::Steer { steering, until } => self.on_steering(now, steering, until),
             Order::Call { epoch, until, way } => self.on_call(now, epoch, until, way),
             Order::Carry { epoch, mover, token, face } => {
-                if epoch == self.own.epoch {
-                    self.on_carry(now, mover, token, face);
-                }
+                self.on_carry(now, epoch, mover, token, face);
             }
             Order::Custody(announcement) => {
                 self.hear_of_epoch(now, announcement.epoch);
@@ -450,7 +449,7 @@ impl Cube {
     /// Takes up a later goal that others work for. What another opening of it withholds, only the controller tells.
     fn hear_of_epoch(&mut self, now: Time, epoch: Epoch) {
         if epoch.opening() == 0 {
-            self.follow_epoch(now, Opening { epoch, opened: Time::ZERO, withheld: Withheld::NONE });
+            self.follow_epoch(now, Opening::whole(epoch, Time::ZERO));
         }
     }
 
@@ -459,29 +458,25 @@ impl Cube {
     fn follow_epoch(&mut self, now: Time, opening: Opening) {
         let Opening { epoch, opened, withheld } = opening;
         let Some(goal) = self.own.setup.goals.get(usize::from(epoch.goal())) else { return };
-        if epoch < self.own.epoch {
+        if epoch <= self.own.epoch {
             return;
         }
         if self.moving.is_some() {
             hit(CoveragePoint::CubeEpochAfterMove);
-            if self.next_epoch.as_ref().is_none_or(|next| next.epoch <= epoch) {
+            if self.next_epoch.as_ref().is_none_or(|next| (next.epoch, next.opened) < (epoch, opened)) {
                 self.next_epoch = Some(Box::new(opening));
             }
-            return;
-        }
-        // In an epoch that began after its birth, no earlier incarnation was finalized.
-        let is_unburdened = opened > self.own.born;
-        if epoch == self.own.epoch {
             return;
         }
         if epoch.opening() > 0 {
             hit(CoveragePoint::CubeReopened);
         }
-        let part = withheld.left_of(goal).map(|goal| Part { withheld, goal: Arc::new(goal) });
+        let part = withheld.left_of(goal).map(|goal| Arc::new(Part { withheld, goal }));
         self.abort_attempt(now, None);
         let own = &mut self.own;
         (own.epoch, own.role, own.activator, own.support) = (epoch, Role::Reserve, None, None);
-        (own.part, own.restarted) = (part, own.restarted && !is_unburdened);
+        // In an epoch that began after its birth, no earlier incarnation was finalized.
+        (own.part, own.restarted) = (part, own.restarted && opened <= own.born);
         own.look_up();
         self.forest.on_goal();
         self.planner.on_goal();
@@ -559,12 +554,12 @@ impl Cube {
         };
         let parks = v.own.connectivity() == Connectivity::Cycles && self.parks(now);
         let is_news = self.forest.tend_custody(v, self.moving.is_some());
-        if self.own.role == Role::Walker && (self.forest.parent().is_some() || parks) {
+        let is_parked = self.own.role == Role::Walker && (self.forest.parent().is_some() || parks);
+        if is_parked {
             hit(CoveragePoint::CubeParked);
             (self.own.role, self.own.support) = (Role::Reserve, None);
-            self.touch();
         }
-        if effect != Effect::None || is_news {
+        if effect != Effect::None || is_news || is_parked {
             self.touch();
         }
         if effect == Effect::TellAndDecide {

@@ -19,7 +19,7 @@ impl Cube {
     pub fn cell(&self) -> Cell {
         self.own.cell
     }
-    /// Returns the number of the goal that the module works for.
+    /// Returns the epoch that the module works in.
     pub fn epoch(&self) -> Epoch {
         self.own.epoch
     }

@@ -157,7 +157,7 @@ impl Sides {
         self.watch(suspect);
     }
 
-    /// Notes that the neighbour on a face is certified dead, and the goal in which it was finalized, if it
+    /// Notes that the neighbour on a face is certified dead, and the epoch in which it was finalized, if it
     /// was.
     pub fn certify_dead(&mut self, face: Face, died_final: Option<Epoch>) {
         self.certified_dead |= face.bit();

@@ -79,7 +79,7 @@ impl GoalMasks {
 pub(super) struct Part {
     pub withheld: Withheld,
     /// Derived from the goal and from what is withheld.
-    pub goal: Arc<Goal>,
+    pub goal: Goal,
 }
 
 impl Hash for Part {
@@ -99,7 +99,7 @@ pub(super) struct Own {
     /// The epoch that it works in.
     pub epoch: Epoch,
     /// What it works for, if the epoch withholds a part of the goal.
-    pub part: Option<Part>,
+    pub part: Option<Arc<Part>>,
     /// When this incarnation began, by the controller's clock.
     pub born: Time,
     pub role: Role,

@@ -93,8 +93,8 @@ impl CubeWorld {
         let Some(((.., epoch), (_, best))) = self.announced.0.range(all).next_back() else { return };
         // A module holds for the epoch that it works in; it may have left in a later one.
         let is_of_epoch = agents.last(*best).is_some_and(|cube| cube.epoch() == *epoch);
-        let is_beside = beside.iter().find(|(id, _)| id == best);
-        let stays = !is_of_epoch || is_beside.is_some_and(|(id, face)| self.stays(now, *id, *face, agents));
+        let best = beside.iter().find(|(id, _)| id == best);
+        let stays = !is_of_epoch || best.is_some_and(|(id, face)| self.stays(now, *id, *face, agents));
         note(found, BEST_HOLDER_STAYS, now, dead, invariants::best_holder_stays(stays));
     }
 

@@ -52,8 +52,6 @@ pub struct Director {
     calls: Calls,
     commands: VecDeque<Command<Order>>,
     filled: usize,
-    /// True if all cells of the goal are filled that the epoch does not withhold.
-    is_part_built: bool,
     recount: bool,
     moves: u64,
     last_move: Time,
@@ -90,7 +88,7 @@ impl Director {
             faults: FaultInjector::new(schedule),
             stop,
             failure,
-            opening: Opening::first(0, Time::ZERO),
+            opening: Opening::whole(Epoch::default(), Time::ZERO),
             part: None,
             reopening: Reopening::default(),
             stages,
@@ -101,7 +99,6 @@ impl Director {
             calls: Calls::default(),
             commands: VecDeque::new(),
             filled: 0,
-            is_part_built: false,
             recount: true,
             moves: 0,
             last_move: Time::ZERO,
@@ -257,7 +254,8 @@ impl Director {
         self.registrar.tell(world, &self.known, epoch, seed, &mut self.commands);
     }
 
-    fn count_filled(&mut self, now: Time, world: &CubeWorld) {
+    /// Counts the goal cells that are filled. Returns true if all are that the epoch does not withhold.
+    fn count_filled(&mut self, now: Time, world: &CubeWorld) -> bool {
         self.recount = false;
         let (epoch, goal) = (self.opening.epoch, self.goal());
         let is_filled = |id: ModuleId| {
@@ -268,8 +266,10 @@ impl Director {
         };
         let is_filled = |c: &Cell| world.body_at(*c).is_some_and(is_filled);
         let filled = goal.cells().filter(is_filled).count();
-        let is_part_built = self.part().cells().all(|c| is_filled(&c));
-        self.is_part_built = is_part_built;
+        let is_built = match &self.part {
+            None => filled == goal.len(),
+            Some(part) => part.cells().all(|c| is_filled(&c)),
+        };
         if filled > self.filled {
             self.last_fill = now;
         }
@@ -277,6 +277,7 @@ impl Director {
         if let Some(stage) = self.stages.last_mut() {
             stage.filled = filled;
         }
+        is_built
     }
 
     fn next_stage(&mut self, now: Time) {
@@ -287,7 +288,7 @@ impl Director {
         if usize::from(next.goal()) == self.setup.goals.len() {
             return self.finish(now, Outcome::Built);
         }
-        self.open(Opening { epoch: next, opened: now, withheld: Withheld::NONE });
+        self.open(Opening::whole(next, now));
         self.stages.push(Stage {
             cells: self.goal().len(),
             filled: 0,
@@ -303,7 +304,6 @@ impl Director {
         self.part = opening.withheld.left_of(self.goal());
         self.done = self.count_done();
         self.filled = 0;
-        self.is_part_built = false;
         self.recount = true;
         (self.last_fill, self.last_move) = (opening.opened, opening.opened);
         for id in (0..self.known.len() as u32).map(ModuleId) {
@@ -321,11 +321,8 @@ impl Director {
         let is_checked = now >= self.next_check || (self.recount && self.may_be_built());
         if is_checked {
             self.next_check = now + self.setup.params.move_time;
-            self.count_filled(now, world);
-            match self.part {
-                None if self.is_part_built => return self.next_stage(now),
-                Some(_) if self.is_part_built => return self.reopen(now, world),
-                _ => {}
+            if self.count_filled(now, world) {
+                return if self.part.is_none() { self.next_stage(now) } else { self.reopen(now, world) };
             }
         }
         let planned = self.faults.is_pending() || now < self.stop.planned_until || now < self.leased;

@@ -373,8 +373,8 @@ impl StateSpace {
         // A module that has set out may rest on this one.
         let has_set_out = |c: &Cell| rest.binary_search(c).is_ok() && self.movers.binary_search(c).is_err();
         let rests_here = |c: &Cell| has_set_out(c) && !grown.contains(c);
-        let is_first_move = self.movers.binary_search(&from).is_ok() && !self.walkers.contains(&from);
-        if self.is_held && is_first_move && from.neighbours().iter().any(rests_here) {
+        let is_first_move = || self.movers.binary_search(&from).is_ok() && !self.walkers.contains(&from);
+        if self.is_held && is_first_move() && from.neighbours().iter().any(rests_here) {
             return false;
         }
         together(&|c| self.is_taken(rest, *c)) && (!self.spared_by_live || self.is_cycled(rest, grown, from))

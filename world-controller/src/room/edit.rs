@@ -1,9 +1,10 @@
 //! Changes of a room file. They are made in its text, so that comments and the order of keys stay; what the changed text
 //! means, and whether it is right, `document` says.
 
+use super::TemplateArg;
 use super::form::{Form, SHAPES};
 use super::model::{MAX_PIECES, MAX_SIDE, Placement};
-use super::template::{Template, fresh_names};
+use super::template::fresh_names;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::pairing::pins::Pin;
 use serde::Deserialize;
@@ -106,24 +107,13 @@ pub struct NewConstraint {
 #[serde(deny_unknown_fields)]
 #[allow(missing_docs, reason = "the options of --template")]
 pub struct Arrangement {
-    pub template: Kind,
+    pub template: TemplateArg,
     pub count: (usize, usize),
     pub around: (i16, i16),
     pub radius: f64,
     pub gap: i16,
     pub shape: String,
     pub colour: Option<String>,
-}
-
-/// The kinds of arrangements.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-#[allow(missing_docs, reason = "the values of --template")]
-pub enum Kind {
-    Circle,
-    Row,
-    Grid,
-    Auditorium,
 }
 
 /// Why a change is not made.
@@ -210,9 +200,13 @@ fn tables<'a>(file: &'a mut DocumentMut, key: &str) -> Vec<&'a mut dyn TableLike
     }
 }
 
+fn text_of<'a>(table: &'a dyn TableLike, key: &str) -> Option<&'a str> {
+    table.get(key).and_then(Item::as_str)
+}
+
 fn piece_named<'a>(file: &'a mut DocumentMut, name: &str) -> Result<&'a mut dyn TableLike, EditError> {
     let mut pieces = tables(file, "piece").into_iter();
-    let found = pieces.find(|table| table.get("name").and_then(Item::as_str) == Some(name));
+    let found = pieces.find(|table| text_of(*table, "name") == Some(name));
     found.ok_or_else(|| EditError::NoPiece(name.to_owned()))
 }
 
@@ -250,7 +244,7 @@ fn remove(file: &mut DocumentMut, key: &str, i: usize) {
 
 fn rename(table: &mut dyn TableLike, from: &str, to: &str) {
     for key in ["piece", "around"] {
-        if table.get(key).and_then(Item::as_str) == Some(from) {
+        if text_of(table, key) == Some(from) {
             set(table, key, to.into());
         }
     }
@@ -264,7 +258,7 @@ fn rename(table: &mut dyn TableLike, from: &str, to: &str) {
 
 fn remove_piece(file: &mut DocumentMut, name: &str) -> Result<(), EditError> {
     let mut pieces = tables(file, "piece").into_iter();
-    let place = pieces.position(|table| table.get("name").and_then(Item::as_str) == Some(name));
+    let place = pieces.position(|table| text_of(table, "name") == Some(name));
     let place = place.ok_or_else(|| EditError::NoPiece(name.to_owned()))?;
     remove(file, "piece", place);
     let constraints = tables(file, "constraint").into_iter().enumerate();
@@ -276,11 +270,11 @@ fn remove_piece(file: &mut DocumentMut, name: &str) -> Result<(), EditError> {
 
 /// Takes a piece out of a constraint, and returns whether the constraint still says something.
 fn keeps_without(table: &mut dyn TableLike, name: &str) -> bool {
-    if ["piece", "around"].iter().any(|key| table.get(key).and_then(Item::as_str) == Some(name)) {
+    if ["piece", "around"].iter().any(|key| text_of(table, key) == Some(name)) {
         return false;
     }
     // Those of two pieces are about these two.
-    let least = match table.get("kind").and_then(Item::as_str) {
+    let least = match text_of(table, "kind") {
         Some("align") => 2,
         Some("circle") => 3,
         _ => usize::MAX,
@@ -312,46 +306,42 @@ fn lines(values: impl Iterator<Item = Value>) -> Value {
     Value::Array(all)
 }
 
+/// Returns a table of the keys that have a value.
+fn table_of<const N: usize>(entries: [(&str, Option<Value>); N]) -> Table {
+    let given = entries.into_iter().filter_map(|(key, value)| Some((key, Item::Value(value?))));
+    given.collect()
+}
+
 impl NewPiece {
     fn table(&self) -> Table {
-        let mut table = Table::new();
-        let mut set = |key: &str, value: Option<Value>| {
-            if let Some(value) = value {
-                table.insert(key, Item::Value(value));
-            }
-        };
-        set("name", Some(self.name.as_str().into()));
-        set("shape", self.shape.as_deref().map(Value::from));
-        set("file", self.file.as_deref().map(Value::from));
-        set("cells", self.cells.as_ref().map(|cells| lines(cells.iter().map(cell))));
         let pin = |pin: &Pin| Value::Array(pin.iter().map(cell).collect());
-        set("pins", (!self.pins.is_empty()).then(|| lines(self.pins.iter().map(pin))));
-        set("at", Some(pair(self.at)));
-        set("turn", (self.turn != 0).then(|| i64::from(self.turn).into()));
-        set("colour", self.colour.as_deref().map(Value::from));
-        table
+        table_of([
+            ("name", Some(self.name.as_str().into())),
+            ("shape", self.shape.as_deref().map(Value::from)),
+            ("file", self.file.as_deref().map(Value::from)),
+            ("cells", self.cells.as_ref().map(|cells| lines(cells.iter().map(cell)))),
+            ("pins", (!self.pins.is_empty()).then(|| lines(self.pins.iter().map(pin)))),
+            ("at", Some(pair(self.at))),
+            ("turn", (self.turn != 0).then(|| i64::from(self.turn).into())),
+            ("colour", self.colour.as_deref().map(Value::from)),
+        ])
     }
 }
 
 impl NewConstraint {
     fn table(&self) -> Table {
-        let mut table = Table::new();
-        let mut set = |key: &str, value: Option<Value>| {
-            if let Some(value) = value {
-                table.insert(key, Item::Value(value));
-            }
-        };
         let names = |names: &Vec<String>| Value::Array(names.iter().map(String::as_str).collect());
-        set("kind", Some(self.kind.as_str().into()));
-        set("pieces", self.pieces.as_ref().map(names));
-        set("piece", self.piece.as_deref().map(Value::from));
-        set("around", self.around.as_deref().map(Value::from));
-        set("cells", self.cells.map(|k| i64::from(k).into()));
-        set("axis", self.axis.as_deref().map(Value::from));
-        set("radius", self.radius.map(Value::from));
-        set("tolerance", self.tolerance.map(Value::from));
-        set("wish", self.wish.then(|| true.into()));
-        table
+        table_of([
+            ("kind", Some(self.kind.as_str().into())),
+            ("pieces", self.pieces.as_ref().map(names)),
+            ("piece", self.piece.as_deref().map(Value::from)),
+            ("around", self.around.as_deref().map(Value::from)),
+            ("cells", self.cells.map(|k| i64::from(k).into())),
+            ("axis", self.axis.as_deref().map(Value::from)),
+            ("radius", self.radius.map(Value::from)),
+            ("tolerance", self.tolerance.map(Value::from)),
+            ("wish", self.wish.then(|| true.into())),
+        ])
     }
 }
 
@@ -371,16 +361,11 @@ fn arrange(file: &mut DocumentMut, asked: &Arrangement) -> Result<(), EditError>
     if !fits {
         return Err(EditError::Arrangement);
     }
-    let template = match asked.template {
-        Kind::Circle => Template::Circle { count: count.0 * count.1, around, radius },
-        Kind::Row => Template::Row { count: count.0 * count.1, at: around, gap },
-        Kind::Grid => Template::Grid { count, at: around, gap },
-        Kind::Auditorium => Template::Auditorium { count, around, radius, gap },
-    };
+    let template = asked.template.of(count, around, radius, gap);
     let places = template.places(&Form::library(makes));
     let taken: Vec<String> = tables(file, "piece")
         .into_iter()
-        .filter_map(|table| table.get("name").and_then(Item::as_str).map(str::to_owned))
+        .filter_map(|table| text_of(table, "name").map(str::to_owned))
         .collect();
     let names = fresh_names(&asked.shape, |name| taken.iter().any(|other| other == name));
     for (name, Placement { at, turn }) in names.zip(places) {

@@ -142,7 +142,8 @@ impl From<KindArg> for Kind {
 }
 
 /// An arrangement, as typed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum TemplateArg {
     /// In a circle, fronts inwards
     Circle,
@@ -152,6 +153,17 @@ pub enum TemplateArg {
     Grid,
     /// In arcs around a stage in the south
     Auditorium,
+}
+
+impl TemplateArg {
+    fn of(self, (n, m): (usize, usize), around: (i16, i16), radius: f64, gap: i16) -> Template {
+        match self {
+            TemplateArg::Circle => Template::Circle { count: n * m, around, radius },
+            TemplateArg::Row => Template::Row { count: n * m, at: around, gap },
+            TemplateArg::Grid => Template::Grid { count: (n, m), at: around, gap },
+            TemplateArg::Auditorium => Template::Auditorium { count: (n, m), around, radius, gap },
+        }
+    }
 }
 
 fn count(text: &str) -> Result<(usize, usize), String> {
@@ -424,14 +436,7 @@ fn errors(room: &Room, session: &Session) -> Vec<String> {
 
 /// Returns the `[[piece]]` tables of an arrangement.
 fn tables(template: TemplateArg, args: &RoomArgs, room: &Room) -> String {
-    let (n, m) = args.count.unwrap_or((1, 1));
-    let (around, radius, gap) = (args.around, args.radius, args.gap);
-    let template = match template {
-        TemplateArg::Circle => Template::Circle { count: n * m, around, radius },
-        TemplateArg::Row => Template::Row { count: n * m, at: around, gap },
-        TemplateArg::Grid => Template::Grid { count: (n, m), at: around, gap },
-        TemplateArg::Auditorium => Template::Auditorium { count: (n, m), around, radius, gap },
-    };
+    let template = template.of(args.count.unwrap_or((1, 1)), args.around, args.radius, args.gap);
     // Invariant: only names of shapes can be typed.
     let make = SHAPES.iter().find(|(name, _)| *name == args.shape).map_or(SHAPES[0].1, |(_, make)| *make);
     let places = template.places(&Form::library(make));

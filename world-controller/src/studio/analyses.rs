@@ -3,7 +3,7 @@
 
 use super::analysis::Analysis;
 use super::budget::{Budget, LONGEST};
-use super::one_at_a_time::{NoAnswer, OneAtATime, PAGES};
+use super::one_at_a_time::{MAX_PAGE_NAME, NoAnswer, OneAtATime, PAGES};
 use crate::scenario::family::{DrawnStructure, Families};
 use crate::view::http::refused;
 use hyper::StatusCode;
@@ -19,8 +19,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Largest number of cells of a drawing.
 pub const MAX_CELLS: usize = 20_000;
-/// Largest number of characters of the name of a page.
-const MAX_NAME: usize = 64;
 
 /// A request for an analysis.
 #[derive(Debug, Deserialize)]
@@ -123,8 +121,8 @@ impl Analyses {
             let why = format!("this program reads version {} of requests, not {version}", super::VERSION);
             return Err(refused(StatusCode::BAD_REQUEST, &why));
         }
-        if session.is_empty() || session.chars().count() > MAX_NAME {
-            let why = format!("`session` has 1 to {MAX_NAME} characters");
+        if session.is_empty() || session.chars().count() > MAX_PAGE_NAME {
+            let why = format!("`session` has 1 to {MAX_PAGE_NAME} characters");
             return Err(refused(StatusCode::BAD_REQUEST, &why));
         }
         let mut drawings = locked(&self.drawings);

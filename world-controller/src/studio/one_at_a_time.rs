@@ -6,6 +6,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// Number of pages that are remembered; the one heard of least recently is forgotten.
 pub const PAGES: usize = 8;
+/// Largest number of characters of the name of a page.
+pub const MAX_PAGE_NAME: usize = 64;
 
 /// Why there is no answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

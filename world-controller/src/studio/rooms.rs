@@ -5,7 +5,7 @@
 use super::VERSION;
 use super::budget::{Budget, LONGEST};
 use super::directory::Directory;
-use super::one_at_a_time::{NoAnswer, OneAtATime};
+use super::one_at_a_time::{MAX_PAGE_NAME, NoAnswer, OneAtATime};
 use crate::room::description::describe;
 use crate::room::document::read_with;
 use crate::room::edit::{Edit, apply};
@@ -26,8 +26,6 @@ use std::time::Duration;
 pub const MAX_TEXT: usize = 512 << 10;
 /// Largest number of changes in one request.
 const MAX_EDITS: usize = 512;
-/// Largest number of characters of the name of a page.
-const MAX_NAME: usize = 64;
 /// Processor time of a check that looks at `reach`, a search for each place of each piece.
 const LONGEST_REACH: Duration = Duration::from_secs(10);
 /// Processor time of the search for an order of building when a run is started.
@@ -168,8 +166,8 @@ fn parse(body: &[u8]) -> Result<Asked, Response> {
             asked.version
         ));
     }
-    if !(1..=MAX_NAME).contains(&asked.session.chars().count()) {
-        return malformed(&format!("`session` has 1 to {MAX_NAME} characters"));
+    if !(1..=MAX_PAGE_NAME).contains(&asked.session.chars().count()) {
+        return malformed(&format!("`session` has 1 to {MAX_PAGE_NAME} characters"));
     }
     if asked.edits.len() > MAX_EDITS {
         let why = format!("a request has at most {MAX_EDITS} changes");
@@ -178,22 +176,22 @@ fn parse(body: &[u8]) -> Result<Asked, Response> {
     Ok(asked)
 }
 
+fn check_length(text: &str) -> Result<(), Response> {
+    let why = || format!("a room file has at most {} KiB here", MAX_TEXT >> 10);
+    if text.len() > MAX_TEXT { Err(refused(StatusCode::PAYLOAD_TOO_LARGE, &why())) } else { Ok(()) }
+}
+
 /// Reads the text of a room.
 ///
 /// # Errors
 /// What is wrong with it, for the page.
 pub fn read_room(text: &str, drawings: &dyn Fn(&str) -> Result<Vec<u8>, String>) -> Result<Room, Response> {
-    if text.len() > MAX_TEXT {
-        let why = format!("a room file has at most {} KiB here", MAX_TEXT >> 10);
-        return Err(refused(StatusCode::PAYLOAD_TOO_LARGE, &why));
-    }
+    check_length(text)?;
     read_with("room.toml", text, drawings).map_err(|wrong| super::site::wrong(wrong.to_string().trim_end()))
 }
 
 fn answer(asked: &Asked, drawings: &Drawings, cancelled: Arc<AtomicBool>) -> Result<Response, Response> {
-    if asked.room.len() > MAX_TEXT {
-        read_room(&asked.room, &|name| drawings.read(name))?;
-    }
+    check_length(&asked.room)?;
     let text = apply(&asked.room, &asked.edits).map_err(|error| super::site::wrong(&error.to_string()))?;
     let mut room = read_room(&text, &|name| drawings.read(name))?;
     let budget = |longest| Budget::of_steps(Arc::clone(&cancelled), longest);

@@ -31,7 +31,7 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; c
                       frame-ancestors 'self'";
 
 /// The files of the page: name, type and content.
-const FILES: [(&str, &str, &str); 18] = [
+const FILES: [(&str, &str, &str); 19] = [
     ("", "text/html; charset=utf-8", include_str!("page/index.html")),
     ("studio.css", "text/css; charset=utf-8", include_str!("page/studio.css")),
     ("room.css", "text/css; charset=utf-8", include_str!("page/room.css")),
@@ -39,6 +39,7 @@ const FILES: [(&str, &str, &str); 18] = [
     ("room-keys.js", JS, include_str!("page/room-keys.js")),
     ("room-panel.js", JS, include_str!("page/room-panel.js")),
     ("plan.js", JS, include_str!("page/plan.js")),
+    ("recent.js", JS, include_str!("page/recent.js")),
     ("studio.js", JS, include_str!("page/studio.js")),
     ("structure.js", JS, include_str!("page/structure.js")),
     ("cells.js", JS, include_str!("page/cells.js")),

@@ -120,7 +120,7 @@ fn every_message_survives_the_wire_and_knows_its_length() {
     let goal = Goal::compile(&row, row[0], Growth::Solid).unwrap();
     let withheld = Withheld::new(&goal, &row[1..]).unwrap();
     let again = Opening { epoch: Epoch::first(3).reopened().unwrap(), opened: Time(8), withheld };
-    let goals = [Order::Goal(Opening::first(3, Time(7))), Order::Goal(again)];
+    let goals = [Order::Goal(Opening::whole(Epoch::first(3), Time(7))), Order::Goal(again)];
     for order in goals.into_iter().chain([condemn, Order::Custody(custody), call, carry]).chain(commands) {
         assert!(order.wire_len() <= HEADER + PAYLOAD);
         assert_eq!(Frame::seal(header(), &order).message::<Order>(), Ok(order));

@@ -3,6 +3,7 @@
 
 import { make } from "./panel.js";
 import { miniature, Plan, turnedPlace } from "./plan.js";
+import { Recent } from "./recent.js";
 import { RoomPanel } from "./room-panel.js";
 
 const $ = (id) => document.getElementById(id);
@@ -18,6 +19,7 @@ export class Room {
     [this.studio, this.server] = [studio, studio.server];
     this.session = random();
     this.name = "room";
+    this.recent = new Recent("rooms", RECENT, $("room-recent"), (room) => room.name, (room) => this.open(room));
     /** The text of the file, as the server gave it; and those before and after it. */
     this.text = "";
     /** @type {string[]} */
@@ -337,20 +339,7 @@ export class Room {
   }
   remember() {
     if (!this.text || this.text.length > KEPT) return;
-    const all = this.recent().filter((room) => room.name !== this.name);
-    localStorage.setItem("rooms", JSON.stringify([{ name: this.name, text: this.text }, ...all].slice(0, RECENT)));
-    this.listRecent();
-  }
-  recent() {
-    try {
-      return JSON.parse(localStorage.getItem("rooms") ?? "[]");
-    } catch {
-      return [];
-    }
-  }
-  listRecent() {
-    const row = (room) => make("li", {}, make("button", { type: "button", className: "link", onclick: () => this.open(room) }, room.name));
-    $("room-recent").replaceChildren(...this.recent().map(row));
+    this.recent.add({ name: this.name, text: this.text });
   }
 
   /** The cards of the first page. @param {any[]} examples */

@@ -7,6 +7,7 @@ import { roomBindings } from "./room-keys.js";
 import { Layer } from "./layer.js";
 import { effectOf, make, many, Panel } from "./panel.js";
 import { Analyst, Server } from "./server.js";
+import { Recent } from "./recent.js";
 import { Room } from "./room.js";
 import { Space } from "./space.js";
 import { Structure } from "./structure.js";
@@ -27,6 +28,7 @@ class Studio {
     this.layer = new Layer($("layer"), this.structure, this.tools);
     this.panel = new Panel(this);
     this.tools.partner = (c) => this.structure.pinnedTo(c) ?? this.space.partnerOf(c);
+    this.recent = new Recent("recent", RECENT, $("recent"), (drawing) => `${drawing.name} (${drawing.cells.length})`, (drawing) => this.opened(drawing));
     this.stock = null;
     this.going = false;
     /** The timer that ends a wait, and how many waits have begun since something was drawn. */
@@ -424,20 +426,7 @@ class Studio {
   }
   remember({ name, cells, pins } = this.drawing()) {
     if (!cells.length || cells.length > KEPT) return;
-    const all = this.recent().filter((d) => d.name !== name);
-    localStorage.setItem("recent", JSON.stringify([{ name, cells, pins }, ...all].slice(0, RECENT)));
-    this.listRecent();
-  }
-  recent() {
-    try {
-      return JSON.parse(localStorage.getItem("recent") ?? "[]");
-    } catch {
-      return [];
-    }
-  }
-  listRecent() {
-    const row = (drawing) => make("li", {}, make("button", { type: "button", className: "link", onclick: () => this.opened(drawing) }, `${drawing.name} (${drawing.cells.length})`));
-    $("recent").replaceChildren(...this.recent().map(row));
+    this.recent.add({ name, cells, pins });
   }
 
   // The run.
@@ -502,6 +491,6 @@ class Studio {
 const studio = new Studio();
 // For tests, and for people who look.
 window.studio = studio;
-studio.listRecent();
-studio.room.listRecent();
+studio.recent.show();
+studio.room.recent.show();
 studio.begin();
