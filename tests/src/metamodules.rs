@@ -283,6 +283,7 @@ impl Assembly {
             round_trip: Span::ZERO,
             operator: None,
             level: Default::default(),
+            scenes: Default::default(),
         };
         let director = MetamoduleDirector::new(Arc::clone(&self.setup), self.start.len(), plan);
         let config = SimConfig {

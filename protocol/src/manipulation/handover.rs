@@ -28,6 +28,33 @@ pub struct HandoverTable {
 /// A posture and the cells of its cubes.
 type Standing = (u16, [Cell; 4]);
 
+/// Holders with the element in one pose, and which of them fill each cell, a bit for each.
+struct Holders {
+    postures: Vec<u16>,
+    filling: BTreeMap<Cell, Vec<u64>>,
+}
+
+impl Holders {
+    fn of(standing: Vec<Standing>) -> Holders {
+        let mut filling: BTreeMap<Cell, Vec<u64>> = BTreeMap::new();
+        for (i, (_, cells)) in standing.iter().enumerate() {
+            for cell in cells {
+                let words = filling.entry(*cell).or_insert_with(|| vec![0; standing.len().div_ceil(64)]);
+                words[i / 64] |= 1 << (i % 64);
+            }
+        }
+        Holders { postures: standing.into_iter().map(|(posture, _)| posture).collect(), filling }
+    }
+
+    /// Iterates over the holders that fill none of these cells.
+    fn clear_of(&self, cells: [Cell; 4]) -> impl Iterator<Item = u16> + '_ {
+        let filling = cells.map(|cell| self.filling.get(&cell));
+        let is_clear =
+            move |i: &usize| filling.iter().flatten().all(|words| words[i / 64] >> (i % 64) & 1 == 0);
+        (0..self.postures.len()).filter(is_clear).map(|i| self.postures[i])
+    }
+}
+
 impl HandoverTable {
     /// Generates the table for a holder and a receiver with these carry tables, both in their main sets. The foot of the receiver
     /// is on the floor of the holder, or on a wall above it.
@@ -53,7 +80,7 @@ impl HandoverTable {
         let port_of = |carry: &CarryTable| carry.grip().offset.inverse().half;
         let mut found = HandoverTable::default();
         for (pose, holders) in by_pose(table, holder, &holders) {
-            let occupied = moved(pose, port_of(holder));
+            let (occupied, holders) = (moved(pose, port_of(holder)), Holders::of(holders));
             for symmetry in &symmetries {
                 let turned = pose.compose(*symmetry);
                 if moved(turned, port_of(receiver)) == occupied {
@@ -71,16 +98,15 @@ impl HandoverTable {
         found
     }
 
-    fn add(&mut self, foot: LatticePose, holders: &[Standing], receivers: &[Standing]) {
-        self.examined += (holders.len() * receivers.len()) as u64;
+    fn add(&mut self, foot: LatticePose, holders: &Holders, receivers: &[Standing]) {
+        self.examined += (holders.postures.len() * receivers.len()) as u64;
         let mut free = Vec::new();
         for (receiver, cells) in receivers {
             let cells = cells.map(|cell| cell_at(moved(foot, centre_of(cell))));
             if cells.iter().any(|c| c.z < 0) {
                 continue;
             }
-            let clear = holders.iter().filter(|(_, own)| !cells.iter().any(|c| own.contains(c)));
-            free.extend(clear.map(|(holder, _)| Pair { holder: *holder, receiver: *receiver }));
+            free.extend(holders.clear_of(cells).map(|holder| Pair { holder, receiver: *receiver }));
         }
         if !free.is_empty() {
             self.pairs.entry(foot).or_default().extend(free);

@@ -155,7 +155,7 @@ impl Scene {
         scene.make_sets();
         let index: HashMap<LatticePose, Foothold> =
             scene.footholds.iter().enumerate().map(|(i, pose)| (*pose, i as Foothold)).collect();
-        scene.landings = scene.footholds.iter().map(|foot| scene.landings_at(*foot, &index)).collect();
+        scene.landings = scene.landings_of(&index);
         scene.make_links(&index);
         scene
     }
@@ -294,13 +294,22 @@ impl Scene {
         }
     }
 
-    fn landings_at(&self, foot: LatticePose, index: &HashMap<LatticePose, Foothold>) -> Vec<Landing> {
+    /// Returns the landings from each foothold.
+    fn landings_of(&self, index: &HashMap<LatticePose, Foothold>) -> Vec<Vec<Landing>> {
         let table = self.table();
-        let landing = |(posture, entry): (u16, &crate::roombots::database::PostureEntry)| {
-            let to = *index.get(&foot.compose(entry.posture.placement().head))?;
-            Some(Landing { posture, to, reversed: table.find(entry.posture.reversed())? })
+        // The poses of the head do not depend on the foothold.
+        let heads = (0..).zip(table.postures()).filter_map(|(posture, entry)| {
+            Some((posture, entry.posture.placement().head, table.find(entry.posture.reversed())?))
+        });
+        let heads: Vec<(u16, LatticePose, u16)> = heads.collect();
+        let at = |foot: &LatticePose| {
+            let landing = |(posture, head, reversed): &(u16, LatticePose, u16)| {
+                let to = *index.get(&foot.compose(*head))?;
+                Some(Landing { posture: *posture, to, reversed: *reversed })
+            };
+            heads.iter().filter_map(landing).collect()
         };
-        (0..).zip(table.postures()).filter_map(landing).collect()
+        self.footholds.iter().map(at).collect()
     }
 
     fn make_links(&mut self, index: &HashMap<LatticePose, Foothold>) {

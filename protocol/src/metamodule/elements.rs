@@ -173,10 +173,6 @@ impl Elements {
     fn table(&self, load: Load) -> Option<&GripTable> {
         self.tables.get(self.grips.get(load.grip()?)?.table)
     }
-    /// Returns what decides which tables an element has: two elements with the same have the same.
-    pub fn tables_of(&self, element: usize) -> Vec<usize> {
-        self.grips.iter().filter(|grip| grip.element == element).map(|grip| grip.table).collect()
-    }
 }
 
 /// Returns the cells, given in the foot frame of a pose, in the world, sorted.

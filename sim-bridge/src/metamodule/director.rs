@@ -23,6 +23,7 @@ use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedOrder, SeedSet, T
 use metamorph_protocol::metamodule::message::{Order, Status};
 use metamorph_protocol::metamodule::params::{SeedAuthority, Setup, Strategy};
 use metamorph_protocol::metamodule::planning::cooperative::{SearchResult, Standstill, WORK, search};
+use metamorph_protocol::metamodule::planning::transport::Scenes;
 use metamorph_protocol::metamodule::tuning::Tuning;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::record::Outside;
@@ -69,6 +70,8 @@ pub struct MetamodulePlan {
     pub operator: Option<(Habits, u64)>,
     /// How much metamodules decide for themselves.
     pub level: Level,
+    /// The graphs that transports of elements are planned on; all runs that share them save the time to make them.
+    pub scenes: Scenes,
 }
 
 /// A change of the goal while it is built.
@@ -137,6 +140,7 @@ pub struct MetamoduleDirector {
     /// How much metamodules decide for themselves. If they hold when they are commanded nothing: those that have been told to,
     /// and those that an operator has released from that.
     level: Level,
+    scenes: Scenes,
     held: BTreeSet<ModuleId>,
     released: BTreeSet<ModuleId>,
     /// The parameters that a command has changed.
@@ -187,6 +191,7 @@ impl MetamoduleDirector {
             alarms: 0,
             leases: BTreeMap::new(),
             level: plan.level,
+            scenes: plan.scenes,
             held: BTreeSet::new(),
             released: BTreeSet::new(),
             tuned: None,

@@ -3,19 +3,21 @@
 
 use super::cooperative::Standstill;
 use crate::lattice::{Cell, Face};
-use crate::manipulation::load::Peak;
+use crate::manipulation::element::{Element, Grip};
+use crate::manipulation::load::{Limits, Peak};
 use crate::manipulation::scene::{Foothold, Scene, hand_overs};
 use crate::manipulation::terrain::Terrain;
 use crate::manipulation::transport::{Answer, Reason, Task, plan as search};
 use crate::manipulation::verification::{Action, BodyAction};
 use crate::manipulation::walking::{Body, Ground, Motion};
-use crate::metamodule::params::Setup;
+use crate::metamodule::params::{Floor, Setup};
 use crate::metamodule::pose::{Load, Pose, to_world};
+use crate::roombots::Kind;
 use crate::roombots::lattice_pose::{LatticePose, LatticeRotation};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fmt;
 use std::ops::RangeInclusive;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// The weight of the lower bound in hundredths.
 const WEIGHT: u32 = 500;
@@ -90,21 +92,60 @@ pub struct Transport<'a> {
     pub lies: bool,
 }
 
-/// The graphs of the floor by element, made when they are first needed.
+/// The most scenes that are kept.
+const MAX_SCENES: usize = 32;
+
+/// The graphs of floors for elements, made when they are first needed. Clones share them, so that the runs of a sweep, which
+/// have the same floor and elements, need not make them again.
 #[derive(Clone, Default)]
-pub struct Scenes(BTreeMap<(Vec<usize>, bool), Arc<Scene>>);
+pub struct Scenes(Arc<Mutex<KeptScenes>>);
+
+/// The latest scenes, the oldest first.
+type KeptScenes = VecDeque<(SceneKey, Arc<Scene>)>;
+
+/// What a scene is made of.
+#[derive(PartialEq)]
+struct SceneKey {
+    kind: Kind,
+    floor: Floor,
+    shape: Element,
+    grams: u32,
+    grips: Vec<Grip>,
+    limits: Limits,
+    with_hand_overs: bool,
+}
 
 impl fmt::Debug for Scenes {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} scenes", self.0.len())
+        f.write_str("Scenes")
     }
 }
 
 impl Scenes {
-    fn of(&mut self, setup: &Setup, element: usize, with_hand_overs: bool) -> Arc<Scene> {
-        let key = (setup.elements.tables_of(element), with_hand_overs);
-        let made = || Arc::new(scene(setup, element, &setup.elements.loads_of(element), with_hand_overs));
-        Arc::clone(self.0.entry(key).or_insert_with(made))
+    fn of(&self, setup: &Setup, element: usize, with_hand_overs: bool) -> Arc<Scene> {
+        let (elements, passive) = (&setup.elements, &setup.elements.all()[element]);
+        let loads = elements.loads_of(element);
+        let grips = loads.iter().filter_map(|load| elements.carry(*load));
+        let key = SceneKey {
+            kind: setup.kind(),
+            floor: setup.floor,
+            shape: passive.shape.clone(),
+            grams: passive.grams,
+            grips: grips.map(|carry| carry.grip().clone()).collect(),
+            limits: elements.limits(),
+            with_hand_overs,
+        };
+        // Another run that needs the same scene waits for it.
+        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, scene)) = kept.iter().find(|(of, _)| *of == key) {
+            return Arc::clone(scene);
+        }
+        let made = Arc::new(scene(setup, element, &loads, with_hand_overs));
+        if kept.len() == MAX_SCENES {
+            kept.pop_front();
+        }
+        kept.push_back((key, Arc::clone(&made)));
+        made
     }
 }
 
@@ -118,7 +159,7 @@ struct Means {
 /// Plans how an element is brought from where it is to its goal, so that its last holder fills one of the open seeds, or
 /// so that it lies there. Hand-overs are tried if there is no plan without, and only of an element with one grip: the tables
 /// of hand-overs grow with the square of the number of grips. Then the element may be put down on the way as well.
-pub fn plan_transport(at: &Standstill, transport: &Transport<'_>, scenes: &mut Scenes) -> TransportAnswer {
+pub fn plan_transport(at: &Standstill, transport: &Transport<'_>, scenes: &Scenes) -> TransportAnswer {
     let loads = at.setup.elements.loads_of(transport.element).len();
     let mut means: Vec<Means> = Vec::new();
     if !transport.lies {
@@ -143,7 +184,7 @@ pub fn plan_transport(at: &Standstill, transport: &Transport<'_>, scenes: &mut S
     }
 }
 
-fn planned(at: &Standstill, transport: &Transport<'_>, scenes: &mut Scenes, means: Means) -> TransportAnswer {
+fn planned(at: &Standstill, transport: &Transport<'_>, scenes: &Scenes, means: Means) -> TransportAnswer {
     let (setup, element) = (&*at.setup, transport.element);
     if setup.floor.connectors() > MAX_CONNECTORS {
         return TransportAnswer::Undecided;

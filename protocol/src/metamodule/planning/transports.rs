@@ -67,7 +67,7 @@ pub fn plan_transports(
     at: &Standstill,
     elements: &[ElementNow],
     order: &[usize],
-    scenes: &mut Scenes,
+    scenes: &Scenes,
 ) -> Transports {
     let mut course = Schedule {
         at: at.clone(),
@@ -106,7 +106,7 @@ struct Schedule {
 }
 
 impl Schedule {
-    fn bring(&mut self, element: usize, scenes: &mut Scenes) {
+    fn bring(&mut self, element: usize, scenes: &Scenes) {
         if self.elements[element].is_pinned {
             return self.found.failed.push((element, None));
         }

@@ -48,7 +48,7 @@ impl MetamoduleDirector {
             |e| ElementNow { cells: world.element(e).to_vec(), holders: world.holders(e).collect() };
         let elements = (0..world.elements()).map(element).collect();
         let (setup, task, filled) = (&self.setup, self.task, self.filled);
-        Swarm { setup, known: &self.known, task, filled, stays, elements }
+        Swarm { setup, scenes: &self.scenes, known: &self.known, task, filled, stays, elements }
     }
 
     /// Returns the elements that are not at their goals, each with a dead metamodule whose latch on it stays closed.

@@ -78,6 +78,7 @@ type Standing = (ModuleId, Option<(Pose, bool, bool)>);
 /// What is known of the swarm at a moment.
 pub(super) struct Swarm<'a> {
     pub setup: &'a Arc<Setup>,
+    pub scenes: &'a Scenes,
     pub known: &'a [Known],
     pub task: Task,
     pub filled: SeedSet,
@@ -163,7 +164,7 @@ impl Swarm<'_> {
     pub fn has_transport(&self, element: usize) -> bool {
         let (ids, standstill) = self.standstill(false, &BTreeSet::new());
         let elements = self.planned_elements(&ids);
-        plan_transports(&standstill, &elements, &[element], &mut Scenes::default()).count > 0
+        plan_transports(&standstill, &elements, &[element], self.scenes).count > 0
     }
     /// Returns true if all living metamodules have reported and none moves.
     fn rests(&self) -> bool {
@@ -216,8 +217,6 @@ pub(super) struct PlanExecution {
     filled: SeedSet,
     /// The number of elements that are not at their goals.
     left: usize,
-    /// The graphs of the floor for elements.
-    scenes: Scenes,
     /// The order of the elements for this task.
     order: Option<(Task, Vec<usize>)>,
     /// What was known when there was nothing more to do.
@@ -241,7 +240,6 @@ impl PlanExecution {
             replans: 0,
             filled: SeedSet::default(),
             left: 0,
-            scenes: Scenes::default(),
             order: None,
             rested: Vec::new(),
             hands_over,
@@ -370,7 +368,7 @@ impl PlanExecution {
         self.shortage = None;
         self.counts.plans += 1;
         self.replans += 1;
-        let found = plan_transports(&standstill, &elements, &order, &mut self.scenes);
+        let found = plan_transports(&standstill, &elements, &order, swarm.scenes);
         self.counts.work += TRANSPORT_WORK as u64 * found.searches as u64;
         if found.steps.is_empty() {
             // Another metamodule may bring an element to its goal.

@@ -11,13 +11,17 @@ use crate::run::runnable::{Runnable, stage};
 use crate::scenario::Plan;
 use metamorph_protocol::metamodule::blueprint::Task;
 use metamorph_protocol::metamodule::params::Setup;
+use metamorph_protocol::metamodule::planning::transport::Scenes;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::metamodule::director::{MetamoduleDirector, MetamodulePlan};
 use metamorph_sim_bridge::metamodule::world::MetamoduleWorld;
 use metamorph_sim_bridge::world::World;
 use metamorph_sim_bridge::world::invariants::Violation;
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
+
+/// The graphs for transports of all runs of this program: those of a sweep have the same floor and elements.
+static SCENES: LazyLock<Scenes> = LazyLock::new(Scenes::default);
 
 /// Returns the report of the elements; `None` if there are none.
 fn elements_report(
@@ -79,6 +83,7 @@ impl Runnable for Metamodules {
                 .and_then(|operator| Some((operator.habits(self.setup.params.patience * 3)?, plan.seed))),
             level: plan.operator.map(|operator| operator.level()).unwrap_or_default(),
             round_trip: plan.link.controller.as_ref().map_or(Span::ZERO, |link| link.usual_longest() * 2),
+            scenes: SCENES.clone(),
         };
         MetamoduleDirector::new(Arc::clone(&self.setup), self.poses.len(), plan)
     }
