@@ -30,9 +30,9 @@ use std::sync::Arc;
 
 /// Learners after a failure, the default first.
 pub const LEARNERS: [(&str, Option<Method>); 6] = [
+    ("bayes", Some(Method::Bayes)),
     ("cma", Some(Method::Cma)),
     ("repertoire", Some(Method::Repertoire)),
-    ("bayes", Some(Method::Bayes)),
     ("pso", Some(Method::Pso)),
     ("random", Some(Method::Random)),
     ("none", None),
