@@ -12,6 +12,8 @@ pub mod measure;
 pub mod model;
 mod reach;
 pub mod study;
+pub mod study_actions;
+pub mod study_format;
 mod template;
 #[cfg(test)]
 mod tests;
@@ -428,8 +430,7 @@ fn errors(room: &Room, session: &Session) -> Vec<String> {
     let more = more.map(|name| format!("{name} is not part of the task"));
     let wrong = room.pieces.iter().filter_map(|piece| {
         let colour = session.pieces.get(&piece.name)?.colour.as_deref()?;
-        let asked = model::COLOURS.iter().find(|(_, c)| *c == piece.colour).map(|(name, _)| *name);
-        (Some(colour) != asked).then(|| format!("{} is {colour}", piece.name))
+        (colour != piece.colour.name()).then(|| format!("{} is {colour}", piece.name))
     });
     missing.chain(more).chain(wrong).collect()
 }

@@ -79,14 +79,30 @@ pub enum Colour {
     Violet,
 }
 
+impl Colour {
+    /// Its name in files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Colour::Red => "red",
+            Colour::Yellow => "yellow",
+            Colour::Green => "green",
+            Colour::Blue => "blue",
+            Colour::Violet => "violet",
+        }
+    }
+}
+
 /// The colours by their names in files.
-pub const COLOURS: [(&str, Colour); 5] = [
-    ("red", Colour::Red),
-    ("yellow", Colour::Yellow),
-    ("green", Colour::Green),
-    ("blue", Colour::Blue),
-    ("violet", Colour::Violet),
-];
+pub const COLOURS: [(&str, Colour); 5] = {
+    use Colour::{Blue, Green, Red, Violet, Yellow};
+    [
+        (Red.name(), Red),
+        (Yellow.name(), Yellow),
+        (Green.name(), Green),
+        (Blue.name(), Blue),
+        (Violet.name(), Violet),
+    ]
+};
 
 /// Where a piece stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]

@@ -3,17 +3,13 @@
 //! The first line has the version and the condition, every other line one event; see `docs/rooms.md`.
 
 use super::measure::{Precision, precision};
+use super::study_format::{Action, Event, Head, MAX_BYTES, Mobility, Placed, Representation, VERSION};
 use crate::console::escape::Shown as _;
 use metamorph_module_agent::regular_file;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 use thiserror::Error;
-
-/// The version of the format.
-const VERSION: u32 = 1;
-/// Bytes of a log at most: an hour of eye positions has a tenth of that.
-const MAX_BYTES: u64 = 64 << 20;
 
 /// Why a log cannot be read.
 #[derive(Debug, Error)]
@@ -39,82 +35,6 @@ pub struct LogError {
     pub file: String,
     /// The reason.
     pub error: StudyError,
-}
-
-/// How the person saw the room.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Representation {
-    /// On a screen, without the room behind it.
-    Virtual,
-    /// Over a picture of the real room.
-    Augmented,
-}
-
-/// Whether the eye could move.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Mobility {
-    /// It could only turn.
-    Static,
-    /// It could move.
-    Dynamic,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Head {
-    study: u32,
-    representation: Representation,
-    mobility: Mobility,
-    /// The name of the piece in the middle.
-    table: String,
-}
-
-/// What a person does with pieces.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Action {
-    /// A new piece.
-    Create,
-    /// A piece is taken out.
-    Delete,
-    /// A piece is selected.
-    Select,
-    /// It no longer is.
-    Deselect,
-    /// A piece is moved.
-    Move,
-    /// A piece is turned.
-    Turn,
-    /// A piece gets another colour.
-    Colour,
-    /// The eye is turned or moved.
-    Look,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Event {
-    /// Seconds since the beginning.
-    t: f64,
-    action: Option<Action>,
-    piece: Option<String>,
-    /// The middle of the piece after the action, in metres.
-    centre: Option<[f64; 2]>,
-    colour: Option<String>,
-    /// The eye and where it looks, in metres.
-    eye: Option<[f64; 3]>,
-    direction: Option<[f64; 3]>,
-}
-
-/// A piece at the end of a session.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Placed {
-    /// Its middle in metres.
-    pub centre: [f64; 2],
-    /// Its colour, if it was given one.
-    pub colour: Option<String>,
 }
 
 /// A session.
@@ -170,7 +90,7 @@ pub fn session(text: &str) -> Result<Session, StudyError> {
     }
     let head: Head = serde_json::from_value(head).map_err(|e| wrong(first, e.to_string()))?;
     debug_assert_eq!(head.study, VERSION);
-    let mut log = Log::new(head);
+    let mut log = Log::new(head).map_err(|why| wrong(first, why))?;
     for (line, text) in lines {
         let event = serde_json::from_str::<Event>(text).map_err(|e| wrong(line, e.to_string()))?;
         log.take(event).map_err(|why| wrong(line, why))?;
@@ -178,8 +98,9 @@ pub fn session(text: &str) -> Result<Session, StudyError> {
     Ok(log.finish())
 }
 
-/// A log that is being read.
-struct Log {
+/// A log that is being read, or written.
+#[derive(Clone, Debug)]
+pub struct Log {
     session: Session,
     last: f64,
     acted: Option<(f64, f64)>,
@@ -187,7 +108,12 @@ struct Log {
 }
 
 impl Log {
-    fn new(head: Head) -> Log {
+    /// Begins with the first line.
+    ///
+    /// # Errors
+    /// If a piece is in no room.
+    pub fn new(head: Head) -> Result<Log, String> {
+        check_near(head.pieces.values().flat_map(|piece| piece.centre))?;
         let session = Session {
             representation: head.representation,
             mobility: head.mobility,
@@ -196,26 +122,23 @@ impl Log {
             actions: BTreeMap::new(),
             samples: 0,
             path_m: 0.0,
-            pieces: BTreeMap::new(),
+            pieces: head.pieces,
             precision: None,
         };
-        Log { session, last: 0.0, acted: None, eye: None }
+        Ok(Log { session, last: 0.0, acted: None, eye: None })
     }
 
-    fn take(&mut self, event: Event) -> Result<(), String> {
+    /// Takes the next line.
+    ///
+    /// # Errors
+    /// If it does not follow from those before it.
+    pub fn take(&mut self, event: Event) -> Result<(), String> {
         if !(event.t.is_finite() && event.t >= self.last) {
             return Err(format!("the time {} is before {}", event.t, self.last));
         }
         self.last = event.t;
-        let coordinates = event
-            .centre
-            .iter()
-            .flatten()
-            .chain(event.eye.iter().flatten())
-            .chain(event.direction.iter().flatten());
-        if let Some(far) = coordinates.clone().find(|c| !(-1e4..=1e4).contains(*c)) {
-            return Err(format!("{far} m is not in a room"));
-        }
+        let plane = event.centre.into_iter().flatten();
+        check_near(plane.chain([event.eye, event.direction].into_iter().flatten().flatten()))?;
         match (event.action, event.eye) {
             (Some(action), None) => self.act(action, event),
             (None, Some(eye)) => {
@@ -278,6 +201,14 @@ impl Log {
     }
 }
 
+/// Refuses coordinates that are in no room, in metres.
+fn check_near(mut coordinates: impl Iterator<Item = f64>) -> Result<(), String> {
+    match coordinates.find(|c| !(-1e4..=1e4).contains(c)) {
+        Some(far) => Err(format!("{far} m is not in a room")),
+        None => Ok(()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -322,6 +253,17 @@ mod tests {
     }
 
     #[test]
+    fn what_stands_in_the_room_at_first_is_no_action() {
+        let pieces = r#""pieces": {"table": {"centre": [3, 2], "colour": "blue"}, "a": {"centre": [4, 2]}, "b": {"centre": [9, 9]}}}"#;
+        let head = HEAD.replace('}', &format!(", {pieces}"));
+        let moved = r#"{"t": 5, "action": "move", "piece": "b", "centre": [2, 2]}"#;
+        let session = session(&format!("{head}\n{moved}\n")).unwrap();
+        assert_eq!((session.time_s, session.pieces.len()), (0.0, 3));
+        assert_eq!(session.actions, BTreeMap::from([(Action::Move, 1)]));
+        assert_eq!(session.precision.unwrap().p_l, 0.0);
+    }
+
+    #[test]
     fn wrong_logs_are_refused_with_their_line() {
         let after = |line: &str| format!("{HEAD}\n{line}");
         for (text, line, why) in [
@@ -329,6 +271,7 @@ mod tests {
             ("{}".to_owned(), 1, "begins with"),
             (HEAD.replace('1', "2"), 1, "version 2"),
             (HEAD.replace("dynamic", "walking"), 1, "walking"),
+            (HEAD.replace('}', r#", "pieces": {"a": {"centre": [1, 1e9]}}}"#), 1, "not in a room"),
             (after("{"), 2, "EOF"),
             (after(r#"{"t": 1}"#), 2, "either an action or an eye"),
             (after(r#"{"t": -1, "action": "look"}"#), 2, "before"),

@@ -3,7 +3,7 @@
 
 use super::analysis::Analysis;
 use super::budget::{Budget, LONGEST};
-use super::one_at_a_time::{MAX_PAGE_NAME, NoAnswer, OneAtATime, PAGES};
+use super::one_at_a_time::{MAX_PAGE_NAME, NoAnswer, OneAtATime, PAGES, is_page_name};
 use crate::scenario::family::{DrawnStructure, Families};
 use crate::view::http::refused;
 use hyper::StatusCode;
@@ -121,7 +121,7 @@ impl Analyses {
             let why = format!("this program reads version {} of requests, not {version}", super::VERSION);
             return Err(refused(StatusCode::BAD_REQUEST, &why));
         }
-        if session.is_empty() || session.chars().count() > MAX_PAGE_NAME {
+        if !is_page_name(&session) {
             let why = format!("`session` has 1 to {MAX_PAGE_NAME} characters");
             return Err(refused(StatusCode::BAD_REQUEST, &why));
         }

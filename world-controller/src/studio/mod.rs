@@ -3,8 +3,9 @@
 //!
 //! `site` answers the page (`page/`, plain JavaScript), `analyses` keeps the drawings of pages and analyses them within a
 //! `budget`; `analysis` is the answer; `desk` hands runs to the thread that carries them out; `directory` reads and
-//! writes files under `--dir`; `files` opens them; `rooms` answers about rooms, and `start` makes scenarios. What a drawing
-//! becomes, and whether a room is right, is decided here and never on the page.
+//! writes files under `--dir`; `files` opens them; `rooms` answers about rooms, `recording` writes the session log of
+//! `--study`, and `start` makes scenarios. What a drawing becomes, whether a room is right, and what was done to its pieces,
+//! is decided here and never on the page.
 //!
 //! Everything that changes something, or that tells what is in files, needs the secret of the printed address.
 
@@ -15,6 +16,7 @@ mod desk;
 mod directory;
 mod files;
 mod one_at_a_time;
+mod recording;
 mod rooms;
 mod site;
 mod start;
@@ -31,11 +33,12 @@ use clap::Args;
 use desk::Desk;
 use directory::Directory;
 use files::{Opened, open};
+use recording::Recording;
 use rooms::Drawings;
 use site::Studio;
 use std::collections::BTreeMap;
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use thiserror::Error;
 
@@ -49,6 +52,7 @@ Examples:
   metamorph studio deploy/shapes/chair.toml              open a drawing, a solid or a configuration
   metamorph studio --dir drawings --modules 24           keep drawings in a directory; there are 24 modules
   metamorph studio deploy/rooms/corner.toml              furnish a room, and start what builds it
+  metamorph studio room.toml --study session.jsonl       record what a person does with rooms
 
 Two addresses are printed. The first ends with a secret and permits drawing and starting runs. The second only
 shows the latest run. Both work on this machine only and without a network. `?` on the page lists its keys. Ctrl-C
@@ -74,6 +78,10 @@ pub struct StudioArgs {
     /// The port of the page's address, for example one that is forwarded; default: any free one
     #[arg(long, value_name = "PORT", value_parser = clap::value_parser!(u16).range(1..))]
     pub port: Option<u16>,
+    /// Record in this new file what is done with rooms, on the first page that opens one; the page says that it is
+    /// recorded. Default: nothing is recorded
+    #[arg(long, value_name = "FILE")]
+    pub study: Option<PathBuf>,
 }
 
 /// Why the studio cannot be opened.
@@ -96,6 +104,16 @@ pub enum StudioError {
     /// The directory.
     #[error("--dir {0}: {1}\n  fix: name a directory that you may read")]
     Directory(String, io::Error),
+    /// The session log.
+    #[error("--study {file}: {why}\n  fix: {fix}")]
+    Study {
+        /// The file.
+        file: String,
+        /// The reason.
+        why: String,
+        /// What to do about it.
+        fix: &'static str,
+    },
     /// The page cannot be served.
     #[error(transparent)]
     Server(#[from] ServerError),
@@ -132,16 +150,44 @@ pub fn studio(args: &StudioArgs, interrupt: &Interrupt) -> Result<u8, StudioErro
         .map(|path| Directory::open(path).map_err(|error| StudioError::Directory(path.shown(), error)));
     let drawings = Drawings { given, directory: directory.transpose()?.map(Arc::new) };
     let (desk, secret) = (Arc::new(Desk::default()), Token::random()?);
+    let recording = args.study.as_ref().map(|path| record(path)).transpose()?.map(Arc::new);
     interrupt.begin();
-    let studio = Studio::new(secret.clone(), Arc::clone(&desk), drawings, opened, args.modules);
-    let address = serve_site(studio, args.port)?;
+    let shown = recording.clone();
+    let studio = Studio::new(secret.clone(), Arc::clone(&desk), drawings, opened, args.modules, shown);
+    let served = serve_site(studio, args.port).map(|address| {
+        print_address(&address, &secret);
+        // An address that could not be printed is of no use.
+        if terminal::failure().is_none() {
+            desk.carry_out(interrupt);
+        }
+    });
+    if let Some(recording) = recording {
+        recording.remove_unused();
+    }
+    served?;
+    Ok(0)
+}
+
+fn print_address(address: &str, secret: &Token) {
     print_out(&format!(
         "open {address}#c={} in a browser\nto only look at what is started, open {address}run/\nCtrl-C ends it",
         secret.text()
     ));
-    // An address that could not be printed is of no use.
-    if terminal::failure().is_none() {
-        desk.carry_out(interrupt);
-    }
-    Ok(0)
+}
+
+/// Creates a session log.
+fn record(path: &Path) -> Result<Recording, StudioError> {
+    Recording::create(path).map_err(|error| {
+        let (why, fix) = match error.kind() {
+            io::ErrorKind::AlreadyExists => {
+                ("there is such a file already".to_owned(), "name a new file; no session is written over")
+            }
+            io::ErrorKind::NotFound => (
+                "its directory does not exist".to_owned(),
+                "create the directory, or name a file in another one",
+            ),
+            _ => (error.to_string(), "name a new file in a directory that exists and is yours"),
+        };
+        StudioError::Study { file: path.shown(), why, fix }
+    })
 }

@@ -5,7 +5,7 @@
 use super::VERSION;
 use super::budget::{Budget, LONGEST};
 use super::directory::Directory;
-use super::one_at_a_time::{MAX_PAGE_NAME, NoAnswer, OneAtATime};
+use super::one_at_a_time::{MAX_PAGE_NAME, NoAnswer, OneAtATime, is_page_name};
 use crate::room::description::describe;
 use crate::room::document::read_with;
 use crate::room::edit::{Edit, apply};
@@ -166,7 +166,7 @@ fn parse(body: &[u8]) -> Result<Asked, Response> {
             asked.version
         ));
     }
-    if !(1..=MAX_PAGE_NAME).contains(&asked.session.chars().count()) {
+    if !is_page_name(&asked.session) {
         return malformed(&format!("`session` has 1 to {MAX_PAGE_NAME} characters"));
     }
     if asked.edits.len() > MAX_EDITS {

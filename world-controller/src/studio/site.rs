@@ -5,6 +5,7 @@ use super::analyses::{Analyses, MAX_CELLS};
 use super::desk::Desk;
 use super::directory::{Directory, DirectoryError};
 use super::files::{Opened, OpenedDrawing, open_content};
+use super::recording::Recording;
 use super::rooms::{Drawings, OpenedRoom, Rooms, read_room};
 use super::start::{Start, plan};
 use crate::family::families;
@@ -31,13 +32,14 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; c
                       frame-ancestors 'self'";
 
 /// The files of the page: name, type and content.
-const FILES: [(&str, &str, &str); 19] = [
+const FILES: [(&str, &str, &str); 20] = [
     ("", "text/html; charset=utf-8", include_str!("page/index.html")),
     ("studio.css", "text/css; charset=utf-8", include_str!("page/studio.css")),
     ("room.css", "text/css; charset=utf-8", include_str!("page/room.css")),
     ("room.js", JS, include_str!("page/room.js")),
     ("room-keys.js", JS, include_str!("page/room-keys.js")),
     ("room-panel.js", JS, include_str!("page/room-panel.js")),
+    ("recorder.js", JS, include_str!("page/recorder.js")),
     ("plan.js", JS, include_str!("page/plan.js")),
     ("recent.js", JS, include_str!("page/recent.js")),
     ("studio.js", JS, include_str!("page/studio.js")),
@@ -63,6 +65,7 @@ pub struct Studio {
     opened: Vec<OpenedDrawing>,
     opened_rooms: Vec<OpenedRoom>,
     modules: Option<u32>,
+    recording: Option<Arc<Recording>>,
 }
 
 /// A request without members of its own.
@@ -96,10 +99,11 @@ struct Open {
     content: Option<String>,
 }
 
-type Response = (StatusCode, Value);
+/// An answer, or a refusal.
+pub type Response = (StatusCode, Value);
 
 /// Reads a request of the version of this program.
-fn read<T: DeserializeOwned>(body: &[u8], version: impl Fn(&T) -> u16) -> Result<T, Response> {
+pub fn read<T: DeserializeOwned>(body: &[u8], version: impl Fn(&T) -> u16) -> Result<T, Response> {
     let asked: T = serde_json::from_slice(body)
         .map_err(|error| refused(StatusCode::BAD_REQUEST, &format!("the body is malformed: {error}")))?;
     match version(&asked) {
@@ -172,6 +176,7 @@ impl Studio {
         drawings: Drawings,
         all: Vec<Opened>,
         modules: Option<u32>,
+        recording: Option<Arc<Recording>>,
     ) -> Studio {
         let (mut opened, mut opened_rooms) = (Vec::new(), Vec::new());
         for one in all {
@@ -181,7 +186,7 @@ impl Studio {
             }
         }
         let (analyses, rooms) = (Arc::default(), Rooms::new(drawings));
-        Studio { secret, desk, analyses, rooms, opened, opened_rooms, modules }
+        Studio { secret, desk, analyses, rooms, opened, opened_rooms, modules, recording }
     }
 
     /// Carries out an admitted request.
@@ -200,6 +205,7 @@ impl Studio {
             "state" => read(&body, |p: &Plain| p.version).map(|_| ok(json!({ "run": studio.desk.latest() }))),
             "save" => studio.save(&body),
             "open" => studio.open(&body),
+            "study" => studio.study(&body),
             _ => Err(refused(StatusCode::NOT_FOUND, "there is no request of this name")),
         });
         match carried_out.await {
@@ -219,7 +225,15 @@ impl Studio {
             "opened": self.opened, "directory": names, "modules": self.modules, "most_cells": MAX_CELLS,
             "rooms": self.opened_rooms, "room_examples": Rooms::examples(),
             "run": self.desk.latest(),
+            "study": self.recording.as_ref().map(|recording| recording.name()),
         })))
+    }
+
+    /// Records what a person does with a room.
+    fn study(&self, body: &[u8]) -> Result<Response, Response> {
+        let none = "nothing is recorded; start the studio with --study";
+        let recording = self.recording.as_ref().ok_or_else(|| wrong(none))?;
+        recording.answer(body, &|text| read_room(text, &|name| self.rooms.drawings().read(name)))
     }
 
     /// Starts a run that builds a drawing or a room.
@@ -293,7 +307,8 @@ impl Studio {
     }
 }
 
-fn ok(mut value: Value) -> Response {
+/// Answers a request that was carried out.
+pub fn ok(mut value: Value) -> Response {
     value["result"] = json!("done");
     (StatusCode::OK, value)
 }

@@ -5,6 +5,11 @@
 /** @typedef {{ name: string, at: [number, number], turn: number, colour: string, form: number, metamodules: number }} Piece */
 
 const SVG = "http://www.w3.org/2000/svg";
+/** Edge of a cell, in metres. */
+export const EDGE = 0.11;
+/** The angle under which the eye sees the width of the picture, in radians: 32 degrees, those of a screen 0.34 m wide at
+ * 0.6 m, and of the camera that shows drawings. */
+const FIELD = (32 * Math.PI) / 180;
 /** Free connectors around the room in the picture. */
 const MARGIN = 1.6;
 
@@ -108,13 +113,20 @@ export class Plan {
     this.down = new Map();
     /** @type {{ x: number, y: number, by: [number, number], moved: boolean } | null} a drag of the chosen pieces */
     this.drag = null;
+    /** Whether pieces are drawn anew. */
+    this.drawing = false;
     this.pointers();
     new ResizeObserver(() => this.look()).observe(svg);
   }
 
-  fit() {
+  /** Shows all of it, because the room is another one. */
+  reset() {
     this.window = null;
     this.look();
+  }
+  fit() {
+    this.reset();
+    this.page.recorder.look();
   }
   zoom(nearer, at = null) {
     const { x, y, width, height } = this.window ?? this.whole();
@@ -123,6 +135,7 @@ export class Plan {
     const scale = Math.min(Math.max(width / nearer, 8), whole.width * 1.2) / width;
     this.window = { x: cx - (cx - x) * scale, y: cy - (cy - y) * scale, width: width * scale, height: height * scale };
     this.look();
+    this.page.recorder.look();
   }
   whole() {
     const [width, depth] = this.page.room?.size ?? [1, 1];
@@ -136,6 +149,15 @@ export class Plan {
     for (const text of this.svg.querySelectorAll("text")) text.setAttribute("font-size", String(Math.min(Number(text.dataset.most), 17 / (scale || 1))));
   }
 
+  /** Where the eye is, in metres: above the middle of what is seen, looking down. */
+  eye() {
+    const { x, y, width, height } = this.window ?? this.whole();
+    const { clientWidth, clientHeight } = this.svg;
+    // The picture keeps its proportions, so more of it may be seen to the sides.
+    const across = clientHeight ? Math.max(width, (height * clientWidth) / clientHeight) : width;
+    const at = [x + width / 2 - 0.5, this.page.room.size[1] - y - height / 2 - 0.5, across / 2 / Math.tan(FIELD / 2)];
+    return { at: at.map((v) => Math.round(v * EDGE * 1000) / 1000), direction: [0, 0, -1] };
+  }
   /** Where a place of the page is in the picture. @returns {[number, number]} */
   at(clientX, clientY) {
     const inverse = this.svg.getScreenCTM()?.inverse();
@@ -171,7 +193,9 @@ export class Plan {
     });
     this.svg.replaceChildren(...background(room), ...areas, ...bodies, ...this.violations(), ...this.proposed(proposal), ...room.pieces.map((piece) => nameOf(room, piece)));
     this.look();
-    if (focus) [...this.svg.querySelectorAll(".piece")].find((g) => g.getAttribute("data-name") === focus)?.focus({ preventScroll: true });
+    this.drawing = true;
+    if (focus) this.focus(focus);
+    this.drawing = false;
   }
 
   /** Marks the columns where constraints are violated, with a cross. */
@@ -210,8 +234,8 @@ export class Plan {
     svg.addEventListener("contextmenu", (event) => event.preventDefault());
     svg.addEventListener("focusin", (event) => {
       const name = /** @type {Element} */ (event.target).closest(".piece")?.getAttribute("data-name");
-      // A click has chosen already, perhaps several.
-      if (name && !this.down.size && !page.chosen.includes(name)) page.choose([name]);
+      // A click has chosen already, perhaps several; and what is drawn anew keeps the focus without being chosen.
+      if (name && !this.down.size && !this.drawing && !page.chosen.includes(name)) page.choose([name]);
     });
     svg.addEventListener("wheel", (event) => {
       event.preventDefault();
@@ -279,5 +303,6 @@ export class Plan {
       if (far(before) > 8) this.zoom(far(now) / far(before), this.at((now.x + others[0].x) / 2, (now.y + others[0].y) / 2));
     } else this.window = { ...seen, x: seen.x - (bx - ax), y: seen.y - (by - ay) };
     this.look();
+    this.page.recorder.look();
   }
 }

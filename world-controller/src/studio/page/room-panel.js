@@ -1,9 +1,8 @@
 // The panel beside a room: what is violated, what would put it right, the pieces, the constraints, and the run.
 
 import { make, many } from "./panel.js";
+import { EDGE } from "./plan.js";
 
-/** Edge of a cell, in metres. */
-const EDGE = 0.11;
 /** What each kind of constraint needs: the least number of chosen pieces, the most, and its fields with first values. */
 const KINDS = {
   gap: { about: "gap: at least so many free between two", least: 2, most: 2, cells: 2 },

@@ -4,6 +4,7 @@
 import { make } from "./panel.js";
 import { miniature, Plan, turnedPlace } from "./plan.js";
 import { Recent } from "./recent.js";
+import { Recorder } from "./recorder.js";
 import { RoomPanel } from "./room-panel.js";
 
 const $ = (id) => document.getElementById(id);
@@ -48,6 +49,7 @@ export class Room {
     this.busy = false;
     /** Whether an undone step is the next answer. */
     this.silent = false;
+    this.recorder = new Recorder(this);
     this.plan = new Plan(/** @type {any} */ ($("plan")), this);
     this.panel = new RoomPanel(this);
   }
@@ -70,7 +72,7 @@ export class Room {
     this.room = null;
     $("name").value = name;
     this.studio.showMode("room");
-    this.plan.fit();
+    this.plan.reset();
     this.ask();
   }
 
@@ -83,6 +85,7 @@ export class Room {
     this.proposal = null;
     this.trial = null;
     this.edits.push(...edits);
+    this.recorder.act();
     for (const { place } of edits) if (place) Object.assign(this.piece(place.piece) ?? {}, { at: place.at, turn: place.turn });
     if (question) this.question = question;
     this.ask();
@@ -111,6 +114,7 @@ export class Room {
     if (!from.length) return;
     to.push(this.text);
     this.text = from.pop() ?? this.text;
+    this.recorder.arrange(this.text, this.chosen);
     this.proposal = null;
     this.question = null;
     this.ask();
@@ -121,13 +125,15 @@ export class Room {
     if (this.busy) return;
     this.busy = true;
     while (!(this.answered.revision === this.revision && this.answered.all && !this.question)) {
-      const { revision, question, trial } = this;
+      const { revision, question, trial, text } = this;
+      const { acted } = this.recorder;
       const edits = [...this.edits];
       const again = this.answered.revision === revision;
       const needed = edits.length || !again;
       const ask = needed || trial ? (question?.snap && edits.length ? question : "check") : (question ?? "reach");
-      const answer = await this.server.post("room", { session: this.session, revision, room: this.text, edits: [...edits, ...(trial ?? [])], ask });
-      if (answer.result === "stale") continue;
+      const answer = await this.server.post("room", { session: this.session, revision, room: text, edits: [...edits, ...(trial ?? [])], ask });
+      // The answer is about a room that is no longer the one, after a step back or when another room was opened.
+      if (answer.result === "stale" || (text !== this.text && answer.result !== "gone")) continue;
       if (answer.result !== "checked") {
         this.refused(answer, edits, trial);
         if (answer.result === "gone") break;
@@ -139,6 +145,8 @@ export class Room {
         this.answered = { revision, all: trial !== null || ask === "reach" };
         this.show(answer, ask);
       }
+      // A new piece is where it belongs only after its next change.
+      if (!trial && !this.silent) this.recorder.arrange(this.text, this.chosen, edits.length ? acted : undefined);
     }
     this.busy = false;
     this.panel.settled();
@@ -176,7 +184,7 @@ export class Room {
     this.marked = NOTHING;
     if (ask === "put-right") this.propose(answer);
     else if (ask.snap) this.snapped(ask.snap, answer);
-    if (String(before?.size) !== String(answer.size)) this.plan.fit();
+    if (String(before?.size) !== String(answer.size)) this.plan.reset();
     this.plan.draw();
     this.panel.show(answer);
   }
@@ -228,6 +236,7 @@ export class Room {
 
   choose(names) {
     this.chosen = names;
+    this.recorder.choose(names);
     this.plan.draw();
     this.panel.choice();
   }

@@ -60,6 +60,7 @@ class Studio {
       return;
     }
     this.stock = first.modules;
+    this.room.recorder.begin(first.study);
     this.directory(first.directory);
     this.room.cards(first.room_examples);
     for (const room of first.rooms.slice(1)) Object.assign(this.room, room).remember();

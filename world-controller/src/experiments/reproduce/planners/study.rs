@@ -5,7 +5,8 @@
 
 use super::PlannerTable;
 use crate::experiments::reproduce::Experiment;
-use crate::room::study::{Mobility, Representation, Session};
+use crate::room::study::Session;
+use crate::room::study_format::{Mobility, Representation};
 
 /// Runs of one condition.
 const RUNS: f64 = 12.0;
