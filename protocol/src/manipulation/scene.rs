@@ -23,6 +23,9 @@ pub type Foothold = u16;
 /// The first posture of the set that each posture belongs to; [`NO_SET`] where the posture collides.
 pub type Sets = Arc<[u16]>;
 
+/// The most surroundings whose sets of empty postures are kept. Each takes two bytes a posture; scenes outlive runs.
+const MAX_KNOWN: usize = 4_096;
+
 /// The set of a posture that collides.
 pub const NO_SET: u16 = u16::MAX;
 
@@ -257,7 +260,11 @@ impl Scene {
             }
         }
         let sets: Sets = sets.into();
-        known().insert(*blocked, sets.clone());
+        let mut known = known();
+        if known.len() >= MAX_KNOWN {
+            known.clear();
+        }
+        known.insert(*blocked, sets.clone());
         sets
     }
 
