@@ -3,7 +3,8 @@
 
 use super::analysis::Analysis;
 use super::budget::{Budget, LONGEST};
-use super::one_at_a_time::{MAX_PAGE_NAME, NoAnswer, OneAtATime, PAGES, is_page_name};
+use super::one_at_a_time::{NoAnswer, OneAtATime, PAGES};
+use super::site::{Response, read_of_page};
 use crate::scenario::family::{DrawnStructure, Families};
 use crate::view::http::refused;
 use hyper::StatusCode;
@@ -69,8 +70,6 @@ pub struct Analyses {
     work: OneAtATime,
 }
 
-type Response = (StatusCode, Value);
-
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     // What it guards is whole between any two statements that can panic.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
@@ -83,11 +82,9 @@ fn stale(why: &str) -> Response {
 impl Analyses {
     /// Answers a request.
     pub async fn answer(self: &Arc<Self>, body: &[u8], families: Families) -> Response {
-        let asked: Asked = match serde_json::from_slice(body) {
+        let asked = match read_of_page(body, |a: &Asked| a.version, |a| &a.session) {
             Ok(asked) => asked,
-            Err(error) => {
-                return refused(StatusCode::BAD_REQUEST, &format!("the body is malformed: {error}"));
-            }
+            Err(refused) => return refused,
         };
         let (page, revision, all) = (asked.session.clone(), asked.revision, asked.all);
         let Taken { cells, pins, shown } = match self.take(asked) {
@@ -115,16 +112,8 @@ impl Analyses {
 
     /// Takes the changes of a page.
     fn take(&self, asked: Asked) -> Result<Taken, Response> {
-        let Asked { version, session, revision, base, add, remove, pins, .. } = asked;
+        let Asked { session, revision, base, add, remove, pins, .. } = asked;
         let remove: BTreeSet<Cell> = remove.into_iter().collect();
-        if version != super::VERSION {
-            let why = format!("this program reads version {} of requests, not {version}", super::VERSION);
-            return Err(refused(StatusCode::BAD_REQUEST, &why));
-        }
-        if !is_page_name(&session) {
-            let why = format!("`session` has 1 to {MAX_PAGE_NAME} characters");
-            return Err(refused(StatusCode::BAD_REQUEST, &why));
-        }
         let mut drawings = locked(&self.drawings);
         let mut drawing = match drawings.iter().position(|d| d.page == session) {
             Some(place) => drawings.remove(place),

@@ -6,13 +6,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// Number of pages that are remembered; the one heard of least recently is forgotten.
 pub const PAGES: usize = 8;
-/// Largest number of characters of the name of a page.
-pub const MAX_PAGE_NAME: usize = 64;
-
-/// Returns whether a page may have this name.
-pub fn is_page_name(name: &str) -> bool {
-    (1..=MAX_PAGE_NAME).contains(&name.chars().count())
-}
 
 /// Why there is no answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,8 +2,7 @@
 //! eye is. What was done to pieces is derived here, and the lines are checked by the reader of session logs before they
 //! are written. Absent: the format, which is that of `room`.
 
-use super::one_at_a_time::{MAX_PAGE_NAME, is_page_name};
-use super::site::{Response, ok, read, wrong};
+use super::site::{Response, ok, read_of_page, wrong};
 use crate::console::escape::Shown as _;
 use crate::room::model::{MAX_PIECES, Room};
 use crate::room::study::Log;
@@ -122,11 +121,7 @@ impl Recording {
         body: &[u8],
         read_room: &dyn Fn(&str) -> Result<Room, Response>,
     ) -> Result<Response, Response> {
-        let asked = read(body, |a: &Asked| a.version)?;
-        if !is_page_name(&asked.session) {
-            let why = format!("`session` has 1 to {MAX_PAGE_NAME} characters");
-            return Err(refused(StatusCode::BAD_REQUEST, &why));
-        }
+        let asked = read_of_page(body, |a: &Asked| a.version, |a| &a.session)?;
         if asked.events.len() > MAX_EVENTS {
             let why = format!("a request has at most {MAX_EVENTS} events");
             return Err(refused(StatusCode::PAYLOAD_TOO_LARGE, &why));

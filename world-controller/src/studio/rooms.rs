@@ -2,10 +2,10 @@
 //! stands where, and which constraints are violated. All of that is decided by `room`, as for `metamorph room`; the
 //! server keeps no room.
 
-use super::VERSION;
 use super::budget::{Budget, LONGEST};
 use super::directory::Directory;
-use super::one_at_a_time::{MAX_PAGE_NAME, NoAnswer, OneAtATime, is_page_name};
+use super::one_at_a_time::{NoAnswer, OneAtATime};
+use super::site::{Response, read_of_page, wrong};
 use crate::room::description::describe;
 use crate::room::document::read_with;
 use crate::room::edit::{Edit, apply};
@@ -105,8 +105,6 @@ enum Question {
     Snap(String),
 }
 
-type Response = (StatusCode, Value);
-
 /// What answers requests about rooms.
 #[derive(Debug, Default)]
 pub struct Rooms {
@@ -155,20 +153,7 @@ impl Rooms {
 }
 
 fn parse(body: &[u8]) -> Result<Asked, Response> {
-    let malformed = |why: &str| Err(refused(StatusCode::BAD_REQUEST, why));
-    let asked: Asked = match serde_json::from_slice(body) {
-        Ok(asked) => asked,
-        Err(error) => return malformed(&format!("the body is malformed: {error}")),
-    };
-    if asked.version != VERSION {
-        return malformed(&format!(
-            "this program reads version {VERSION} of requests, not {}",
-            asked.version
-        ));
-    }
-    if !is_page_name(&asked.session) {
-        return malformed(&format!("`session` has 1 to {MAX_PAGE_NAME} characters"));
-    }
+    let asked = read_of_page(body, |a: &Asked| a.version, |a| &a.session)?;
     if asked.edits.len() > MAX_EDITS {
         let why = format!("a request has at most {MAX_EDITS} changes");
         return Err(refused(StatusCode::PAYLOAD_TOO_LARGE, &why));
@@ -187,12 +172,12 @@ fn check_length(text: &str) -> Result<(), Response> {
 /// What is wrong with it, for the page.
 pub fn read_room(text: &str, drawings: &dyn Fn(&str) -> Result<Vec<u8>, String>) -> Result<Room, Response> {
     check_length(text)?;
-    read_with("room.toml", text, drawings).map_err(|wrong| super::site::wrong(wrong.to_string().trim_end()))
+    read_with("room.toml", text, drawings).map_err(|found| wrong(found.to_string().trim_end()))
 }
 
 fn answer(asked: &Asked, drawings: &Drawings, cancelled: Arc<AtomicBool>) -> Result<Response, Response> {
     check_length(&asked.room)?;
-    let text = apply(&asked.room, &asked.edits).map_err(|error| super::site::wrong(&error.to_string()))?;
+    let text = apply(&asked.room, &asked.edits).map_err(|error| wrong(&error.to_string()))?;
     let mut room = read_room(&text, &|name| drawings.read(name))?;
     let budget = |longest| Budget::of_steps(Arc::clone(&cancelled), longest);
     let is_whole = matches!(asked.ask, Question::Reach);
@@ -215,7 +200,7 @@ fn answer(asked: &Asked, drawings: &Drawings, cancelled: Arc<AtomicBool>) -> Res
         }
         Question::Snap(name) => {
             let piece = room.find(name);
-            let piece = piece.ok_or_else(|| super::site::wrong(&format!("there is no piece `{name}`")))?;
+            let piece = piece.ok_or_else(|| wrong(&format!("there is no piece `{name}`")))?;
             let mending = budget(LONGEST);
             value["snap"] = json!(snap(&room, piece, &|| mending.is_left()));
             value["ended"] = json!(mending.was_ended());

@@ -26,6 +26,8 @@ use std::sync::atomic::AtomicBool;
 
 /// Largest size of the body of a request, in bytes.
 const MAX_BODY: usize = 1 << 20;
+/// Largest number of characters of the name of a page.
+const MAX_PAGE_NAME: usize = 64;
 /// As for the page of a run, which the studio embeds.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; \
                       img-src 'self' data:; frame-src 'self'; base-uri 'none'; form-action 'none'; \
@@ -113,6 +115,20 @@ pub fn read<T: DeserializeOwned>(body: &[u8], version: impl Fn(&T) -> u16) -> Re
             Err(refused(StatusCode::BAD_REQUEST, &why))
         }
     }
+}
+
+/// Reads a request in which a page says its name.
+pub fn read_of_page<T: DeserializeOwned>(
+    body: &[u8],
+    version: impl Fn(&T) -> u16,
+    page: impl Fn(&T) -> &str,
+) -> Result<T, Response> {
+    let asked = read(body, version)?;
+    if (1..=MAX_PAGE_NAME).contains(&page(&asked).chars().count()) {
+        return Ok(asked);
+    }
+    let why = format!("`session` has 1 to {MAX_PAGE_NAME} characters");
+    Err(refused(StatusCode::BAD_REQUEST, &why))
 }
 
 /// Refuses what a request says.
