@@ -106,6 +106,17 @@ fn a_cube_is_carried_in_all_of_a_few_runs() {
     }
 }
 
+/// A metamodule that waits for the element in the cells of a seed does not fill the seed without it.
+#[test]
+fn what_waits_in_a_seed_for_an_element_does_not_fill_it() {
+    let scenario = scenario("carry-cube.toml").display().to_string();
+    for seed in ["41", "99"] {
+        let ran = run(&["run", &scenario, "--json", "-", "--link", "sim", "--seed", seed]);
+        assert_eq!(ran.code, Some(0), "{seed}: {ran:?}");
+        assert_eq!(elements(&report(&ran.out)).placed, 1, "{seed}: {ran:?}");
+    }
+}
+
 /// A scenario that ships is built, simulated, and nothing falls but by the faults of it.
 fn shipped(name: &str) -> ElementsReport {
     let ran = run(&["run", &scenario(name).display().to_string(), "--link", "sim", "--json", "-"]);

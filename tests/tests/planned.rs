@@ -8,7 +8,7 @@ use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::metamodule::blueprint::{SeedOrder, SeedSet, Task};
-use metamorph_protocol::metamodule::message::{Instruction, Order};
+use metamorph_protocol::metamodule::message::{Instruction, MoveEnd, Order};
 use metamorph_protocol::metamodule::params::{Setup, Strategy};
 use metamorph_protocol::metamodule::planning::centralized::{CentralPlan, Shortage, bound, plan};
 use metamorph_protocol::metamodule::planning::cooperative::{Move, Standstill, WORK};
@@ -125,8 +125,8 @@ fn after_an_old_plan(defect: Option<Defect>) -> Vec<OutputOf<Metamodule>> {
     let birth =
         Birth { id, incarnation: Incarnation::default(), place: first.from, seed: 1, born: Time::ZERO };
     let mut agent = Metamodule::new(&of.setup, birth, Time::ZERO);
-    let forwards =
-        Instruction::Move { mover: id, from: first.from, posture: first.posture, lands: first.lands };
+    let end = if first.lands { MoveEnd::Lands } else { MoveEnd::Rests };
+    let forwards = Instruction::Move { mover: id, from: first.from, posture: first.posture, end };
     for (number, instruction) in [(5, Instruction::Stay), (4, forwards)] {
         agent.handle(Time::ZERO, Input::Order(Order::Instruct { number, instruction }));
         agent.handle(Time::ZERO, Input::Wake);

@@ -179,8 +179,8 @@ pub enum Instruction {
         from: Pose,
         /// The posture to turn to.
         posture: u16,
-        /// Whether it lands then.
-        lands: bool,
+        /// What it does then.
+        end: MoveEnd,
     },
     /// All stay, and one grips an element or lets it go (`planned` only).
     Handle {
@@ -193,17 +193,39 @@ pub enum Instruction {
     },
 }
 
+/// What a metamodule does when it has turned to the posture of a move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum MoveEnd {
+    /// It stays as it is, free, also where it could fill a seed.
+    Rests,
+    /// The free end connects to the floor, and the other end lets go.
+    Lands,
+    /// It fills the open seed in whose cells it is then.
+    Settles,
+}
+
+impl MoveEnd {
+    fn decode(from: &mut Decoder<'_>) -> Result<MoveEnd, WireError> {
+        Ok(match from.u8()? {
+            0 => MoveEnd::Rests,
+            1 => MoveEnd::Lands,
+            2 => MoveEnd::Settles,
+            _ => return Err(WireError::Field("end")),
+        })
+    }
+}
+
 impl Instruction {
     pub(super) fn encode(self, out: &mut Encoder) {
         match self {
             Instruction::Over => out.u8(0),
             Instruction::Stay => out.u8(1),
-            Instruction::Move { mover, from, posture, lands } => {
+            Instruction::Move { mover, from, posture, end } => {
                 out.u8(2);
                 out.u32(mover.0);
                 from.encode(out);
                 out.u16(posture);
-                out.bool(lands);
+                out.u8(end as u8);
             }
             Instruction::Handle { mover, from, load } => {
                 out.u8(3);
@@ -221,7 +243,7 @@ impl Instruction {
                 mover: ModuleId(from.u32()?),
                 from: Pose::decode(from)?,
                 posture: from.u16()?,
-                lands: from.bool("lands")?,
+                end: MoveEnd::decode(from)?,
             },
             3 => Instruction::Handle {
                 mover: ModuleId(from.u32()?),

@@ -77,8 +77,8 @@ fn everything_survives_the_wire() {
         let (id, rank) = (ModuleId(3), Rank::of_seed(31).below());
         round_trip(&Message::Path(Path { id, sequence: 9, rank, from: p, segments, count }));
     }
-    for lands in [false, true] {
-        let one = Instruction::Move { mover: ModuleId(5), from: p, posture: 0x0304, lands };
+    for end in [MoveEnd::Rests, MoveEnd::Lands, MoveEnd::Settles] {
+        let one = Instruction::Move { mover: ModuleId(5), from: p, posture: 0x0304, end };
         for instruction in [Instruction::Over, Instruction::Stay, one] {
             let coordinator = ModuleId(4);
             round_trip(&Message::Directive(Directive { coordinator, sequence: 9, instruction }));
@@ -110,7 +110,7 @@ fn everything_survives_the_wire() {
     round_trip(&Order::Obstacle { cell: Cell::new(-3, 4, 1), there: true });
     round_trip(&Order::Dead { id: origin, pose: p });
     round_trip(&Order::Alive { id: origin });
-    let steps = Instruction::Move { mover: origin, from: p, posture: 9, lands: true };
+    let steps = Instruction::Move { mover: origin, from: p, posture: 9, end: MoveEnd::Lands };
     let handle = Instruction::Handle { mover: origin, from: p, load };
     for instruction in [Instruction::Over, Instruction::Stay, steps, handle] {
         round_trip(&Order::Instruct { number: 7, instruction });

@@ -19,7 +19,7 @@ use super::Known;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::{SeedSet, Task};
-use metamorph_protocol::metamodule::message::{Instruction, Order, Status};
+use metamorph_protocol::metamodule::message::{Instruction, MoveEnd, Order, Status};
 use metamorph_protocol::metamodule::params::Setup;
 use metamorph_protocol::metamodule::planning::bundles::element_order;
 use metamorph_protocol::metamodule::planning::centralized::{
@@ -169,6 +169,15 @@ impl Swarm<'_> {
     /// Returns true if all living metamodules have reported and none moves.
     fn rests(&self) -> bool {
         self.living().all(|(_, status)| status.is_some_and(|s| !s.busy && !s.pose.both))
+    }
+}
+
+/// Returns what a move does at its end, if it lands or fills a seed.
+fn end_of(lands: bool, fills: bool) -> MoveEnd {
+    match (lands, fills) {
+        (true, _) => MoveEnd::Lands,
+        (false, true) => MoveEnd::Settles,
+        (false, false) => MoveEnd::Rests,
     }
 }
 
@@ -346,7 +355,7 @@ impl PlanExecution {
             let end = Pose { posture, ..from };
             let to = if lands { motions.turned_around(end)? } else { end };
             let mover = ids[body];
-            let instruction = Instruction::Move { mover, from, posture, lands };
+            let instruction = Instruction::Move { mover, from, posture, end: end_of(lands, fills.is_some()) };
             Some(Step { id: mover, instruction, after, fills: fills.is_some(), to, due: None, done: false })
         };
         // Invariant: a move that lands ends where the free end is on a connector, so none is left out.
@@ -393,7 +402,10 @@ impl PlanExecution {
     fn follow(&mut self, now: Time, ids: &[ModuleId], steps: Vec<OrderedStep>, searches: usize) {
         let step = |OrderedStep { step, after, fills }: OrderedStep| {
             let (id, TransportStep { from, to, .. }) = (ids[step.body], step);
-            let turns = |posture, lands| Instruction::Move { mover: id, from, posture, lands };
+            let turns = |posture, lands| {
+                let end = end_of(lands, fills);
+                Instruction::Move { mover: id, from, posture, end }
+            };
             let instruction = match step.action {
                 TransportAction::Turn(posture) => turns(posture, false),
                 TransportAction::Land(posture) => turns(posture, true),

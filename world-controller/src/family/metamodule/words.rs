@@ -5,7 +5,7 @@ use crate::run::replay::words::{Worded, at, waiting};
 use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::metamodule::blueprint::{SeedSet, Task};
 use metamorph_protocol::metamodule::message::{
-    Action, BodyAction, Instruction, Order as MetamoduleOrder, Percept as MetamodulePercept,
+    Action, BodyAction, Instruction, MoveEnd, Order as MetamoduleOrder, Percept as MetamodulePercept,
     Refusal as MetamoduleRefusal, Status as MetamoduleStatus,
 };
 use metamorph_protocol::metamodule::pose::{End, Load, Pose};
@@ -83,9 +83,13 @@ impl Worded for Metamodule {
             }
             MetamoduleOrder::Instruct {
                 number,
-                instruction: Instruction::Move { from, posture, lands, .. },
+                instruction: Instruction::Move { from, posture, end, .. },
             } => {
-                let then = if *lands { " and land" } else { "" };
+                let then = match end {
+                    MoveEnd::Rests => "",
+                    MoveEnd::Lands => " and land",
+                    MoveEnd::Settles => " and settle",
+                };
                 format!("order {number}: from {} turn to posture {posture}{then}", Metamodule::place(from))
             }
         }

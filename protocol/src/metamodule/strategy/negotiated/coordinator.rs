@@ -20,7 +20,7 @@ use crate::defects::Defect;
 use crate::digest::Portable;
 use crate::ids::ModuleId;
 use crate::metamodule::blueprint::SeedSet;
-use crate::metamodule::message::{Directive, Instruction, Message};
+use crate::metamodule::message::{Directive, Instruction, Message, MoveEnd};
 use crate::metamodule::params::{Ask, Setup};
 use crate::metamodule::plan::{Aim, Plan};
 use crate::metamodule::planning::cooperative::{Move, SearchResult, Standstill, WORK, search};
@@ -243,7 +243,12 @@ impl Coordinator {
             return None;
         }
         let Move { from, posture, lands, .. } = next;
-        let instruction = Instruction::Move { mover, from, posture, lands };
+        let end = match moves.len() {
+            _ if lands => MoveEnd::Lands,
+            1 => MoveEnd::Settles,
+            _ => MoveEnd::Rests,
+        };
+        let instruction = Instruction::Move { mover, from, posture, end };
         let is_ordered = self.said.is_some_and(|said| said.instruction == instruction);
         if !is_ordered {
             *until = v.now + v.params().lease;
@@ -351,17 +356,17 @@ fn plan_together(scene: &Scene<'_>) -> Option<Vec<(ModuleId, Move)>> {
 /// The motion that an instruction asks of this metamodule, if it is the mover and the way is free.
 pub(super) fn own_move(scene: &Scene<'_>, instruction: Instruction) -> Option<Plan> {
     let (v, pose) = (scene.v, scene.v.own.pose);
-    let Instruction::Move { mover, from, posture, lands } = instruction else { return None };
+    let Instruction::Move { mover, from, posture, end } = instruction else { return None };
     if mover != v.own.id || !stands(pose, from) || v.has(Defect::StandInTheWay) {
         return None;
     }
-    let after = Pose { posture, ..pose };
-    // With an element it settles only where the element is at its goal: a step earlier may fill the seed as well.
-    let fills = v.settles_in(after).filter(|s| v.open().has(*s));
-    let aim = match fills {
-        _ if lands => Aim::Land,
-        Some(seed) => Aim::Settle(seed),
-        None => Aim::Shift,
+    let aim = match end {
+        MoveEnd::Lands => Aim::Land,
+        MoveEnd::Rests => Aim::Shift,
+        MoveEnd::Settles => {
+            let seed = v.settles_in(Pose { posture, ..pose }).filter(|s| v.open().has(*s));
+            seed.map_or(Aim::Shift, Aim::Settle)
+        }
     };
     if aim == Aim::Shift && posture == pose.posture {
         // It stands so already, and may not fill the seed yet. A motion of no steps would begin again at once.
