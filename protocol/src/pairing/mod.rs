@@ -80,6 +80,11 @@ fn key(cell: Cell) -> [i16; 3] {
     [cell.z, cell.y, cell.x]
 }
 
+/// Returns a number by which cells are ordered as by [`key`], in less time.
+fn rank(cell: Cell) -> u64 {
+    key(cell).iter().fold(0, |rank, c| rank << 16 | u64::from(c.wrapping_sub(i16::MIN) as u16))
+}
+
 /// Returns true if x + y + z is even.
 fn is_even(cell: Cell) -> bool {
     (i32::from(cell.x) + i32::from(cell.y) + i32::from(cell.z)) % 2 == 0
@@ -105,14 +110,46 @@ struct Surroundings {
 impl Surroundings {
     fn of(drawn: &BTreeSet<Cell>) -> Surroundings {
         let floor = drawn.iter().map(|c| c.z).min().unwrap_or(0);
-        let beside = drawn.iter().flat_map(|c| c.neighbours());
-        let mut cells: Vec<Cell> = beside.filter(|c| c.in_range()).chain(drawn.iter().copied()).collect();
-        cells.sort_unstable_by_key(|c| key(*c));
-        cells.dedup();
-        let at = |cell: Cell| cells.binary_search_by_key(&key(cell), |c| key(*c)).map_or(NONE, |i| i as u32);
-        let neighbours = cells.iter().map(|c| c.neighbours().map(at)).collect();
-        let drawn = cells.iter().map(|c| drawn.contains(c)).collect();
+        let beside = drawn.iter().flat_map(|c| c.neighbours()).filter(|c| c.in_range());
+        // A drawn cell comes before the same cell beside another one, and is the one that is kept.
+        let mut ranked: Vec<(u64, Cell)> = beside.map(|c| (rank(c) << 1 | 1, c)).collect();
+        ranked.extend(drawn.iter().map(|c| (rank(*c) << 1, *c)));
+        ranked.sort_unstable_by_key(|(place, _)| *place);
+        ranked.dedup_by_key(|(place, _)| *place >> 1);
+        let cells: Vec<Cell> = ranked.iter().map(|(_, cell)| *cell).collect();
+        let mut neighbours = vec![[NONE; 6]; cells.len()];
+        for face in Face::ALL {
+            // Neighbours on one side ascend as the cells do.
+            let mut near = 0;
+            for (i, cell) in cells.iter().enumerate() {
+                let wanted = rank(cell.step(face));
+                while ranked.get(near).is_some_and(|(place, _)| place >> 1 < wanted) {
+                    near += 1;
+                }
+                if ranked.get(near).is_some_and(|(place, _)| place >> 1 == wanted) {
+                    neighbours[i][face.index()] = near as u32;
+                }
+            }
+        }
+        let drawn = ranked.iter().map(|(place, _)| place & 1 == 0).collect();
         Surroundings { cells, neighbours, choices: None, pinned: Vec::new(), drawn, floor }
+    }
+    /// Returns true if the present cells are connected; no cell is not.
+    fn is_connected(&self, present: &[bool]) -> bool {
+        let Some(start) = present.iter().position(|p| *p) else { return false };
+        let mut seen = vec![false; present.len()];
+        seen[start] = true;
+        let (mut queue, mut reached) = (vec![start as u32], 0);
+        while let Some(cell) = queue.pop() {
+            reached += 1;
+            for near in self.neighbours[cell as usize].into_iter().filter(|n| *n != NONE) {
+                if present[near as usize] && !seen[near as usize] {
+                    seen[near as usize] = true;
+                    queue.push(near);
+                }
+            }
+        }
+        reached == present.iter().filter(|p| **p).count()
     }
     /// Returns the neighbours that may be partners of a cell, by face.
     fn choices(&self, cell: u32) -> &[u32; 6] {
@@ -182,13 +219,14 @@ impl Pairing {
         if let Some(far) = drawn.iter().find(|c| !c.in_range()) {
             return Err(PairingError::OutOfRange(*far));
         }
-        let parts = components(cells);
-        if let [first, second, ..] = &parts[..] {
+        let mut around = Surroundings::of(&drawn);
+        if !around.is_connected(&around.drawn) {
+            let parts = components(cells);
             // A part begins with its least cell.
-            return Err(PairingError::Disconnected { parts: parts.len(), from: first[0], to: second[0] });
+            let (from, to) = (parts[0][0], parts[1][0]);
+            return Err(PairingError::Disconnected { parts: parts.len(), from, to });
         }
         let pins = pins::checked(&drawn, pins)?;
-        let mut around = Surroundings::of(&drawn);
         around.pin(&pins);
         let mut matching = Matching::new(&around);
         matching.complete(&around, Face::ALL, None);

@@ -254,7 +254,7 @@ impl Pairing {
 
     fn cheapest(&self, choice: Choice, candidates: &[Candidate], going: Going<'_>) -> Option<Repair> {
         let (chosen, matching) = self.greedy(candidates, going)?;
-        let (chosen, cheapest) = match is_connected(&self.around, matching.present()) {
+        let (chosen, cheapest) = match self.around.is_connected(matching.present()) {
             true => (chosen, Cheapest::Proven),
             false => (self.one_at_a_time(candidates, going)?, Cheapest::Heuristic),
         };
@@ -345,7 +345,7 @@ impl Pairing {
         chosen: &mut Vec<usize>,
     ) -> bool {
         if size == 0 {
-            return matching.unpaired().next().is_none() && is_connected(&self.around, matching.present());
+            return matching.unpaired().next().is_none() && self.around.is_connected(matching.present());
         }
         let first = chosen.last().map_or(0, |last| last + 1);
         let orbits = search.orbits.iter().enumerate().skip(first);
@@ -386,22 +386,4 @@ fn change(matching: &mut Matching, around: &Surroundings, candidate: &Candidate)
 fn repair(choice: Choice, chosen: &[Candidate], cheapest: Cheapest) -> Repair {
     let changes = chosen.iter().map(|c| c.change).collect();
     Repair { choice, changes, cost: chosen.iter().map(|c| c.cost).sum(), cheapest }
-}
-
-/// Returns true if the present cells are connected; no cell is not.
-fn is_connected(around: &Surroundings, present: &[bool]) -> bool {
-    let Some(start) = present.iter().position(|p| *p) else { return false };
-    let mut seen = vec![false; present.len()];
-    seen[start] = true;
-    let (mut queue, mut reached) = (vec![start as u32], 0);
-    while let Some(cell) = queue.pop() {
-        reached += 1;
-        for near in around.neighbours[cell as usize].into_iter().filter(|n| *n != NONE) {
-            if present[near as usize] && !seen[near as usize] {
-                seen[near as usize] = true;
-                queue.push(near);
-            }
-        }
-    }
-    reached == present.iter().filter(|p| **p).count()
 }
