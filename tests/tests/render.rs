@@ -5,6 +5,7 @@ use metamorph_tests::command::{command, run, scenario};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
+use std::thread;
 
 /// A run with a dead module, so that all groups of colours occur.
 const SWARM: &str = "deploy/scenarios/swarm.toml";
@@ -385,7 +386,7 @@ fn the_pictures_of_the_pages_are_made_by_render() {
         }
         (decoder.width(), decoder.height(), frames)
     };
-    for line in lines {
+    let check = |line: &str| {
         let words: Vec<&str> = line.split(' ').collect();
         let (options, name) = (&words[2..words.len() - 2], words[words.len() - 1]);
         let shown = readme.contains(&format!("docs/pictures/{name}"))
@@ -401,5 +402,12 @@ fn the_pictures_of_the_pages_are_made_by_render() {
             true => assert!(made == kept, "{name} is not what `{line}` makes; run docs/pictures/make"),
             false => assert_eq!(frames(&made), frames(&kept), "{name}; run docs/pictures/make"),
         }
-    }
+    };
+    // Some take ten seconds, and no other test of this file does.
+    thread::scope(|scope| {
+        let (even, odd): (Vec<_>, Vec<_>) = lines.iter().enumerate().partition(|(i, _)| i % 2 == 0);
+        for part in [even, odd] {
+            scope.spawn(|| part.into_iter().for_each(|(_, line)| check(line)));
+        }
+    });
 }
