@@ -15,6 +15,7 @@ use petgraph::algo::maximum_matching;
 use petgraph::graph::UnGraph;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
+use std::time::Instant;
 
 fn vectors() -> Value {
     serde_json::from_str(include_str!("data/interfaces-test-vectors.json")).unwrap()
@@ -558,5 +559,26 @@ fn pins_of_no_module_are_refused() {
         (vec![[line[0], line[1]], [line[2], line[1]]], PairingError::PinnedTwice(line[1])),
     ] {
         assert_eq!(Pairing::pinned(&line, &pins).unwrap_err(), expected, "{pins:?}");
+    }
+}
+
+/// Prints how long pairing, reasons and the first repair of structures of 10,000 cells take. Meant for a release build.
+#[test]
+#[ignore = "prints figures of this machine"]
+#[allow(clippy::disallowed_methods, reason = "it measures")]
+fn time_of_ten_thousand_cells() {
+    for kind in [Kind::Eden, Kind::Tree] {
+        let time = |seed: u64| {
+            let cells = structure(kind, false, 10_000, &mut Rng::named(seed, "time", 0));
+            let start = Instant::now();
+            let pairing = Pairing::of(&cells).unwrap();
+            let reasons = pairing.reasons().len();
+            let first = pairing.repairs(Allowed::Add).len();
+            assert!(reasons > 0 && first > 0, "{kind:?} {seed}");
+            start.elapsed().as_secs_f64() * 1000.0
+        };
+        let mut times: Vec<f64> = (0..200).map(time).collect();
+        times.sort_unstable_by(f64::total_cmp);
+        println!("{kind:?}: median {:.1} ms, 99 % {:.1} ms, 200 structures", times[100], times[197]);
     }
 }

@@ -14,9 +14,11 @@ pub struct Matching {
     mate: Vec<u32>,
     /// The order in which neighbours are tried.
     faces: [Face; 6],
-    /// The search that last saw a cell at an odd distance.
+    /// The number of marks with which a cell at an odd distance was last seen.
     seen: Vec<u32>,
-    search: u32,
+    /// By colour of the cell that a search starts from, the number of the marks that hold. Searches from cells of one colour
+    /// mark cells of the other.
+    marks: [u32; 2],
     /// The cell before one at an odd distance.
     before: Vec<u32>,
     queue: Vec<u32>,
@@ -31,7 +33,7 @@ impl Matching {
             mate: vec![NONE; n],
             faces: Face::ALL,
             seen: vec![0; n],
-            search: 0,
+            marks: [0; 2],
             before: vec![NONE; n],
             queue: Vec::new(),
         }
@@ -103,7 +105,17 @@ impl Matching {
 
     /// Drops the marks of earlier searches.
     pub fn forget(&mut self) {
-        self.search += 1;
+        self.marks = self.marks.map(|number| number + 1);
+    }
+
+    /// Drops the marks that do not hold any more after a search from a cell that was added, or whose partner was removed: its
+    /// own, and all of searches from cells of the other colour, which may go on at that cell. Where searches from this
+    /// colour ended in vain, they still do: a path that enters there cannot leave.
+    fn forget_found(&mut self, around: &Surroundings, from: u32) {
+        for even in &self.queue {
+            self.seen[self.mate[*even as usize] as usize] = 0;
+        }
+        self.marks[usize::from(!is_even(around.cells[from as usize]))] += 1;
     }
 
     /// Searches from a cell without a partner for another one, and pairs along the path. Cells that an earlier
@@ -112,16 +124,17 @@ impl Matching {
         let mut queue = std::mem::take(&mut self.queue);
         queue.clear();
         queue.push(from);
+        let marks = self.marks[usize::from(is_even(around.cells[from as usize]))];
         let mut next = 0;
         let mut end = None;
         'paths: while let Some(cell) = queue.get(next).copied() {
             next += 1;
             for face in self.faces {
                 let near = around.choices(cell)[face.index()];
-                if near == NONE || !self.present[near as usize] || self.seen[near as usize] == self.search {
+                if near == NONE || !self.present[near as usize] || self.seen[near as usize] == marks {
                     continue;
                 }
-                self.seen[near as usize] = self.search;
+                self.seen[near as usize] = marks;
                 self.before[near as usize] = cell;
                 match self.mate[near as usize] {
                     NONE => {
@@ -163,13 +176,17 @@ impl Matching {
         free
     }
 
-    /// Adds a cell if that leaves one cell less over; returns whether it did.
+    /// Adds a cell if that leaves one cell less over; returns whether it did. Marks of earlier additions and removals are
+    /// kept as far as they hold.
     pub fn add(&mut self, around: &Surroundings, cell: u32) -> bool {
         let useful = !self.present[cell as usize] && self.search(around, cell);
-        self.present[cell as usize] |= useful;
+        if useful {
+            self.present[cell as usize] = true;
+            self.forget_found(around, cell);
+        }
         useful
     }
-    /// Removes a cell if that leaves one cell less over; returns whether it did.
+    /// Removes a cell if that leaves one cell less over; returns whether it did. Marks are kept as by [`Matching::add`].
     pub fn remove(&mut self, around: &Surroundings, cell: u32) -> bool {
         if !self.present[cell as usize] {
             return false;
@@ -177,11 +194,14 @@ impl Matching {
         let mate = std::mem::replace(&mut self.mate[cell as usize], NONE);
         self.present[cell as usize] = false;
         if mate == NONE {
+            self.forget();
             return true;
         }
         self.mate[mate as usize] = NONE;
         let useful = self.search(around, mate);
-        if !useful {
+        if useful {
+            self.forget_found(around, mate);
+        } else {
             (self.mate[cell as usize], self.mate[mate as usize]) = (mate, cell);
             self.present[cell as usize] = true;
         }

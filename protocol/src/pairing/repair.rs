@@ -246,7 +246,6 @@ impl Pairing {
             }
             if change(&mut matching, &self.around, candidate) {
                 chosen.push(*candidate);
-                matching.forget();
             }
         }
         (chosen.len() == self.unpaired()).then_some((chosen, matching))
