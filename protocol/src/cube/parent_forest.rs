@@ -524,7 +524,8 @@ impl ParentForest {
             _ if b.epoch != v.own.epoch => false,
             _ if forgotten => true,
             Role::Final => true,
-            Role::Walker => !b.supported_here,
+            // One that takes a place in the forest is a child as soon as that is acknowledged.
+            Role::Walker => !b.supported_here && self.child(face).is_none(),
             // A cycle can only be locked over modules that answer.
             Role::Reserve if v.own.connectivity() == Connectivity::Cycles => !silent,
             Role::Reserve => {

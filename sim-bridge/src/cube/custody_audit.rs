@@ -37,9 +37,13 @@ impl CubeWorld {
         for face in Face::ALL.into_iter().filter(|f| cube.certified_faces() & f.bit() != 0) {
             let Some(dead) = self.neighbour(id, face).filter(|d| agents.get(*d).is_none()) else { continue };
             let Some(last) = agents.last(dead) else { continue };
-            if let Some(died) = cube.custody(face) {
+            // An agent that has not heard of this contact yet speaks of an earlier death.
+            let has_heard = cube.session(face) == self.contact(id, face).map(|contact| contact.session);
+            if let Some(died) = cube.custody(face).filter(|_| has_heard) {
                 let rank = (cube.role() != Role::Final).then(|| cube.rank());
-                let theirs = (last.role() != Role::Walker).then(|| last.rank());
+                // Of an epoch in which it never worked it has no rank.
+                let has_rank = last.role() != Role::Walker && last.epoch() == cube.epoch();
+                let theirs = has_rank.then(|| last.rank());
                 note(found, HOLDER_DESCENDS, now, id, invariants::holder_descends(rank, theirs));
                 let best = self.announced.0.entry((dead, self.cell(dead), died, cube.epoch()));
                 let mine = (cube.custody_key(), id);
