@@ -25,7 +25,7 @@ fn commands_a_run_in_progress() {
     };
     let file = scenario("swarm.toml").display().to_string();
     let view =
-        View::start(&["run", &file, "--link", "sim", "--time-scale", "2", "--view", "--control", "--quiet"]);
+        View::start(&["run", &file, "--link", "sim", "--time-scale", "1", "--view", "--control", "--quiet"]);
     let mut browser = Browser::start(program);
     browser.open(&format!("{}#c={}", view.address, view.secret));
     browser.until("document.body.dataset.state === 'paused'");
