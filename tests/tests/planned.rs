@@ -125,7 +125,7 @@ fn after_an_old_plan(defect: Option<Defect>) -> Vec<OutputOf<Metamodule>> {
     let birth =
         Birth { id, incarnation: Incarnation::default(), place: first.from, seed: 1, born: Time::ZERO };
     let mut agent = Metamodule::new(&of.setup, birth, Time::ZERO);
-    let end = if first.lands { MoveEnd::Lands } else { MoveEnd::Rests };
+    let end = MoveEnd::of(first.lands, first.fills.is_some());
     let forwards = Instruction::Move { mover: id, from: first.from, posture: first.posture, end };
     for (number, instruction) in [(5, Instruction::Stay), (4, forwards)] {
         agent.handle(Time::ZERO, Input::Order(Order::Instruct { number, instruction }));

@@ -112,6 +112,7 @@ impl Matching {
     /// own, and all of searches from cells of the other colour, which may go on at that cell. Where searches from this
     /// colour ended in vain, they still do: a path that enters there cannot leave.
     fn forget_found(&mut self, around: &Surroundings, from: u32) {
+        // Invariant: all cells of the queue have partners now, and those were seen.
         for even in &self.queue {
             self.seen[self.mate[*even as usize] as usize] = 0;
         }

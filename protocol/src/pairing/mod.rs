@@ -75,14 +75,9 @@ pub enum PairingError {
     PinnedTwice(Cell),
 }
 
-/// Returns the key by which cells are ordered here.
-fn key(cell: Cell) -> [i16; 3] {
-    [cell.z, cell.y, cell.x]
-}
-
-/// Returns a number by which cells are ordered as by [`key`], in less time.
-fn rank(cell: Cell) -> u64 {
-    key(cell).iter().fold(0, |rank, c| rank << 16 | u64::from(c.wrapping_sub(i16::MIN) as u16))
+/// Returns the key by which cells are ordered here: by z, y and x.
+fn key(cell: Cell) -> u64 {
+    [cell.z, cell.y, cell.x].iter().fold(0, |key, c| key << 16 | u64::from(c.wrapping_sub(i16::MIN) as u16))
 }
 
 /// Returns true if x + y + z is even.
@@ -112,26 +107,26 @@ impl Surroundings {
         let floor = drawn.iter().map(|c| c.z).min().unwrap_or(0);
         let beside = drawn.iter().flat_map(|c| c.neighbours()).filter(|c| c.in_range());
         // A drawn cell comes before the same cell beside another one, and is the one that is kept.
-        let mut ranked: Vec<(u64, Cell)> = beside.map(|c| (rank(c) << 1 | 1, c)).collect();
-        ranked.extend(drawn.iter().map(|c| (rank(*c) << 1, *c)));
-        ranked.sort_unstable_by_key(|(place, _)| *place);
-        ranked.dedup_by_key(|(place, _)| *place >> 1);
-        let cells: Vec<Cell> = ranked.iter().map(|(_, cell)| *cell).collect();
+        let mut keyed: Vec<(u64, Cell)> = beside.map(|c| (key(c) << 1 | 1, c)).collect();
+        keyed.extend(drawn.iter().map(|c| (key(*c) << 1, *c)));
+        keyed.sort_unstable_by_key(|(key, _)| *key);
+        keyed.dedup_by_key(|(key, _)| *key >> 1);
+        let cells: Vec<Cell> = keyed.iter().map(|(_, cell)| *cell).collect();
         let mut neighbours = vec![[NONE; 6]; cells.len()];
         for face in Face::ALL {
             // Neighbours on one side ascend as the cells do.
             let mut near = 0;
             for (i, cell) in cells.iter().enumerate() {
-                let wanted = rank(cell.step(face));
-                while ranked.get(near).is_some_and(|(place, _)| place >> 1 < wanted) {
+                let wanted = key(cell.step(face));
+                while keyed.get(near).is_some_and(|(key, _)| key >> 1 < wanted) {
                     near += 1;
                 }
-                if ranked.get(near).is_some_and(|(place, _)| place >> 1 == wanted) {
+                if keyed.get(near).is_some_and(|(key, _)| key >> 1 == wanted) {
                     neighbours[i][face.index()] = near as u32;
                 }
             }
         }
-        let drawn = ranked.iter().map(|(place, _)| place & 1 == 0).collect();
+        let drawn = keyed.iter().map(|(key, _)| key & 1 == 0).collect();
         Surroundings { cells, neighbours, choices: None, pinned: Vec::new(), drawn, floor }
     }
     /// Returns true if the present cells are connected; no cell is not.

@@ -19,7 +19,7 @@ pub type Pin = [Cell; 2];
 /// Refuses pins whose cells are not drawn, share no face, or are in another pin.
 pub fn checked(drawn: &BTreeSet<Cell>, pins: &[Pin]) -> Result<Vec<Pin>, PairingError> {
     let mut partners: BTreeMap<Cell, Cell> = BTreeMap::new();
-    let mut checked = BTreeSet::new();
+    let mut checked: BTreeMap<[u64; 2], Pin> = BTreeMap::new();
     for [a, b] in pins {
         let pin = if key(*a) <= key(*b) { [*a, *b] } else { [*b, *a] };
         if let Some(free) = pin.into_iter().find(|cell| !drawn.contains(cell)) {
@@ -33,10 +33,9 @@ pub fn checked(drawn: &BTreeSet<Cell>, pins: &[Pin]) -> Result<Vec<Pin>, Pairing
                 return Err(PairingError::PinnedTwice(one));
             }
         }
-        checked.insert(pin.map(key));
+        checked.insert(pin.map(key), pin);
     }
-    let named = |[z, y, x]: [i16; 3]| Cell::new(x, y, z);
-    Ok(checked.into_iter().map(|pin| pin.map(named)).collect())
+    Ok(checked.into_values().collect())
 }
 
 /// What a structure would be without pins.

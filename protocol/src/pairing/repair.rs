@@ -52,7 +52,7 @@ impl Change {
     pub fn removes(self) -> bool {
         matches!(self, Change::Remove(_))
     }
-    fn key(self) -> (bool, [i16; 3]) {
+    fn key(self) -> (bool, u64) {
         (self.removes(), key(self.cell()))
     }
 }

@@ -38,8 +38,7 @@ impl CubeWorld {
             let Some(dead) = self.neighbour(id, face).filter(|d| agents.get(*d).is_none()) else { continue };
             let Some(last) = agents.last(dead) else { continue };
             // An agent that has not heard of this contact yet speaks of an earlier death.
-            let has_heard = cube.session(face) == self.contact(id, face).map(|contact| contact.session);
-            if let Some(died) = cube.custody(face).filter(|_| has_heard) {
+            if let Some(died) = cube.custody(face).filter(|_| self.has_heard_of_contact(cube, id, face)) {
                 let rank = (cube.role() != Role::Final).then(|| cube.rank());
                 // Of an epoch in which it never worked it has no rank.
                 let has_rank = last.role() != Role::Walker && last.epoch() == cube.epoch();
@@ -105,8 +104,13 @@ impl CubeWorld {
     /// Returns true if a module cannot leave the dead module on a face: either the last state of its agent keeps the
     /// dead module, or the agent, which is stopped or dead, has not heard of this contact yet and cannot begin a move.
     fn stays(&self, now: Time, id: ModuleId, face: Face, agents: &Agents<'_, Cube>) -> bool {
-        let session = self.contact(id, face).map(|contact| contact.session);
-        agents.last(id).is_some_and(|cube| cube.session(face) != session || cube.keeps(now, face))
+        let stays = |cube: &Cube| !self.has_heard_of_contact(cube, id, face) || cube.keeps(now, face);
+        agents.last(id).is_some_and(stays)
+    }
+
+    /// Returns true if the agent of a module has heard of its present contact on a face.
+    fn has_heard_of_contact(&self, cube: &Cube, id: ModuleId, face: Face) -> bool {
+        cube.session(face) == self.contact(id, face).map(|contact| contact.session)
     }
 
     /// Forgets the announcements about a module that is started again.

@@ -200,11 +200,19 @@ pub enum MoveEnd {
     Rests,
     /// The free end connects to the floor, and the other end lets go.
     Lands,
-    /// It fills the open seed in whose cells it is then.
+    /// It fills the open seed in whose cells it is then; if there is none it rests.
     Settles,
 }
 
 impl MoveEnd {
+    /// Returns the end of a move that lands, or of one that fills a seed if it does not.
+    pub fn of(lands: bool, fills: bool) -> MoveEnd {
+        match (lands, fills) {
+            (true, _) => MoveEnd::Lands,
+            (false, true) => MoveEnd::Settles,
+            (false, false) => MoveEnd::Rests,
+        }
+    }
     fn decode(from: &mut Decoder<'_>) -> Result<MoveEnd, WireError> {
         Ok(match from.u8()? {
             0 => MoveEnd::Rests,

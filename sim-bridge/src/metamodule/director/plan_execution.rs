@@ -172,15 +172,6 @@ impl Swarm<'_> {
     }
 }
 
-/// Returns what a move does at its end, if it lands or fills a seed.
-fn end_of(lands: bool, fills: bool) -> MoveEnd {
-    match (lands, fills) {
-        (true, _) => MoveEnd::Lands,
-        (false, true) => MoveEnd::Settles,
-        (false, false) => MoveEnd::Rests,
-    }
-}
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
     /// Metamodules finish what they do; a plan is made when they rest, but not before this time.
@@ -352,10 +343,11 @@ impl PlanExecution {
                 Some(_) if !lands => facing(swarm.setup, swarm.task.goal, from, posture, &standstill.fixed),
                 _ => posture,
             };
-            let end = Pose { posture, ..from };
-            let to = if lands { motions.turned_around(end)? } else { end };
+            let turned = Pose { posture, ..from };
+            let to = if lands { motions.turned_around(turned)? } else { turned };
             let mover = ids[body];
-            let instruction = Instruction::Move { mover, from, posture, end: end_of(lands, fills.is_some()) };
+            let end = MoveEnd::of(lands, fills.is_some());
+            let instruction = Instruction::Move { mover, from, posture, end };
             Some(Step { id: mover, instruction, after, fills: fills.is_some(), to, due: None, done: false })
         };
         // Invariant: a move that lands ends where the free end is on a connector, so none is left out.
@@ -403,7 +395,7 @@ impl PlanExecution {
         let step = |OrderedStep { step, after, fills }: OrderedStep| {
             let (id, TransportStep { from, to, .. }) = (ids[step.body], step);
             let turns = |posture, lands| {
-                let end = end_of(lands, fills);
+                let end = MoveEnd::of(lands, fills);
                 Instruction::Move { mover: id, from, posture, end }
             };
             let instruction = match step.action {

@@ -243,11 +243,7 @@ impl Coordinator {
             return None;
         }
         let Move { from, posture, lands, .. } = next;
-        let end = match moves.len() {
-            _ if lands => MoveEnd::Lands,
-            1 => MoveEnd::Settles,
-            _ => MoveEnd::Rests,
-        };
+        let end = MoveEnd::of(lands, moves.len() == 1);
         let instruction = Instruction::Move { mover, from, posture, end };
         let is_ordered = self.said.is_some_and(|said| said.instruction == instruction);
         if !is_ordered {
