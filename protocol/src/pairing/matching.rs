@@ -122,6 +122,11 @@ impl Matching {
     /// Searches from a cell without a partner for another one, and pairs along the path. Cells that an earlier
     /// search has seen since [`Matching::forget`] are passed over.
     pub fn search(&mut self, around: &Surroundings, from: u32) -> bool {
+        self.search_within(around, from, |_| true)
+    }
+
+    /// Searches as [`Matching::search`] does, for a path whose cells at an odd distance are `within`.
+    fn search_within(&mut self, around: &Surroundings, from: u32, within: impl Fn(u32) -> bool) -> bool {
         let mut queue = std::mem::take(&mut self.queue);
         queue.clear();
         queue.push(from);
@@ -133,6 +138,9 @@ impl Matching {
             for face in self.faces {
                 let near = around.choices(cell)[face.index()];
                 if near == NONE || !self.present[near as usize] || self.seen[near as usize] == marks {
+                    continue;
+                }
+                if !within(near) {
                     continue;
                 }
                 self.seen[near as usize] = marks;
@@ -178,17 +186,20 @@ impl Matching {
     }
 
     /// Adds a cell if that leaves one cell less over; returns whether it did. Marks of earlier additions and removals are
-    /// kept as far as they hold.
-    pub fn add(&mut self, around: &Surroundings, cell: u32) -> bool {
-        let useful = !self.present[cell as usize] && self.search(around, cell);
+    /// kept as far as they hold. Cells that are not `free`, neither now nor before earlier changes, may not be left over, so that
+    /// no path leads over them.
+    pub fn add(&mut self, around: &Surroundings, cell: u32, free: &[bool]) -> bool {
+        let useful =
+            !self.present[cell as usize] && self.search_within(around, cell, |near| free[near as usize]);
         if useful {
             self.present[cell as usize] = true;
             self.forget_found(around, cell);
         }
         useful
     }
-    /// Removes a cell if that leaves one cell less over; returns whether it did. Marks are kept as by [`Matching::add`].
-    pub fn remove(&mut self, around: &Surroundings, cell: u32) -> bool {
+    /// Removes a cell if that leaves one cell less over; returns whether it did. Marks are kept, and paths limited, as by
+    /// [`Matching::add`].
+    pub fn remove(&mut self, around: &Surroundings, cell: u32, free: &[bool]) -> bool {
         if !self.present[cell as usize] {
             return false;
         }
@@ -199,7 +210,7 @@ impl Matching {
             return true;
         }
         self.mate[mate as usize] = NONE;
-        let useful = self.search(around, mate);
+        let useful = self.search_within(around, mate, |near| free[near as usize]);
         if useful {
             self.forget_found(around, mate);
         } else {

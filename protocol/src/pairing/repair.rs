@@ -142,50 +142,49 @@ impl Pairing {
     /// Returns up to five different repairs, the preferred one first; none if no cell is left over, or if pins leave no
     /// way. All have [`Pairing::unpaired`] changes, except that a symmetric one may have two more.
     pub fn repairs(&self, allowed: Allowed) -> Vec<Repair> {
-        self.repairs_while(allowed, &|| true)
+        self.repairs_while(allowed, &|| true).collect()
     }
 
-    /// Returns the repairs as [`Pairing::repairs`] does, but for those that are not found before `going` returns false.
-    pub fn repairs_while(&self, allowed: Allowed, going: Going<'_>) -> Vec<Repair> {
-        if self.unpaired() == 0 {
-            return Vec::new();
-        }
-        let symmetries = Symmetry::all(&self.around);
-        let all = self.candidates(&symmetries);
-        let only = |removes: bool| all.iter().copied().filter(move |c| c.change.removes() == removes);
-        let mut repairs: Vec<Repair> = Vec::new();
-        let mut offer = |repair: Option<Repair>| {
-            let set = |r: &Repair| r.changes.iter().map(|c| c.key()).collect::<BTreeSet<_>>();
-            if let Some(repair) = repair.filter(|new| repairs.iter().all(|old| set(old) != set(new))) {
-                repairs.push(repair);
-            }
+    /// Returns the repairs as [`Pairing::repairs`] does, each searched for when it is asked for, but for those that are not
+    /// found before `going` returns false.
+    pub fn repairs_while<'a>(
+        &'a self,
+        allowed: Allowed,
+        going: Going<'a>,
+    ) -> impl Iterator<Item = Repair> + 'a {
+        use Choice::{Additions, Mixture, NextAdditions, Removals, Symmetric};
+        let choices: &[Choice] = match allowed {
+            _ if self.unpaired() == 0 => &[],
+            Allowed::Add => &[Additions, Symmetric, NextAdditions],
+            Allowed::Remove => &[Removals, Symmetric],
+            Allowed::Any => &[Additions, Mixture, Removals, Symmetric, NextAdditions],
         };
-        let additions: Vec<Candidate> = only(false).collect();
-        let first = self.cheapest(Choice::Additions, &additions, going);
-        let forbidden = first.as_ref().and_then(|r| r.changes.first().copied());
-        if allowed != Allowed::Remove {
-            offer(first);
-        }
-        if allowed == Allowed::Any {
-            offer(self.cheapest(Choice::Mixture, &all, going));
-        }
-        if allowed != Allowed::Add {
-            let removals: Vec<Candidate> = only(true).collect();
-            offer(self.cheapest(Choice::Removals, &removals, going));
-        }
-        let of_allowed = |c: &Candidate| match allowed {
+        let symmetries = if choices.is_empty() { Vec::new() } else { Symmetry::all(&self.around) };
+        let mut all = if choices.is_empty() { Vec::new() } else { self.candidates(&symmetries) };
+        all.retain(|c| match allowed {
             Allowed::Add => !c.change.removes(),
             Allowed::Remove => c.change.removes(),
             Allowed::Any => true,
-        };
-        let orbits = all.iter().copied().filter(of_allowed).collect::<Vec<_>>();
-        offer(self.symmetric(&symmetries, &orbits, going));
-        if allowed != Allowed::Remove {
-            let others: Vec<Candidate> =
-                additions.into_iter().filter(|c| Some(c.change) != forbidden).collect();
-            offer(self.cheapest(Choice::NextAdditions, &others, going));
-        }
-        repairs
+        });
+        let (mut offered, mut first) = (BTreeSet::new(), None);
+        choices.iter().filter_map(move |choice| {
+            let only = |keep: &dyn Fn(&Change) -> bool| -> Vec<Candidate> {
+                all.iter().copied().filter(|c| keep(&c.change)).collect()
+            };
+            let repair = match choice {
+                Additions => {
+                    let repair = self.cheapest(*choice, &only(&|c| !c.removes()), going);
+                    first = repair.as_ref().and_then(|r| r.changes.first().copied());
+                    repair
+                }
+                Mixture => self.cheapest(*choice, &all, going),
+                Removals => self.cheapest(*choice, &only(&|c| c.removes()), going),
+                Symmetric => self.symmetric(&symmetries, &all, going),
+                NextAdditions => self.cheapest(*choice, &only(&|c| !c.removes() && Some(*c) != first), going),
+            }?;
+            let set: BTreeSet<_> = repair.changes.iter().map(|c| c.key()).collect();
+            offered.insert(set).then_some(repair)
+        })
     }
 
     /// Returns the least cost of the changes that leave no cell over, and those changes; connectivity is ignored.
@@ -240,11 +239,14 @@ impl Pairing {
         let mut matching = self.matching.clone();
         let mut chosen = Vec::new();
         matching.forget();
-        for candidate in candidates {
+        // A maximum matching after a change that was taken is, without it, one from before. So cells that may be left over
+        // become fewer, and a change that is useless at first stays so.
+        let free = matching.free(&self.around);
+        for candidate in candidates.iter().filter(|c| self.lowers(&free, c)) {
             if chosen.len() == self.unpaired() || !going() {
                 break;
             }
-            if change(&mut matching, &self.around, candidate) {
+            if change(&mut matching, &self.around, candidate, &free) {
                 chosen.push(*candidate);
             }
         }
@@ -260,6 +262,17 @@ impl Pairing {
         Some(repair(choice, &chosen, cheapest))
     }
 
+    /// Returns true if a change leaves one cell less over, where `free` says of each cell whether some maximum matching leaves
+    /// it over.
+    fn lowers(&self, free: &[bool], candidate: &Candidate) -> bool {
+        match candidate.change {
+            Change::Remove(_) => free[candidate.index as usize],
+            Change::Add(_) => {
+                self.around.choices(candidate.index).iter().any(|n| *n != NONE && free[*n as usize])
+            }
+        }
+    }
+
     /// Takes the cheapest change that lowers the number left over and keeps the structure connected, again and
     /// again. A removal of that kind always exists.
     fn one_at_a_time(&self, candidates: &[Candidate], going: Going<'_>) -> Option<Vec<Candidate>> {
@@ -272,15 +285,13 @@ impl Pairing {
             }
             let cuts = articulation_points(&around.graph(matching.present()));
             let free = matching.free(around);
-            let beside = |cell: u32, of: &dyn Fn(usize) -> bool| {
-                around.choices(cell).iter().any(|n| *n != NONE && of(*n as usize))
+            let fits = |c: &Candidate| match c.change {
+                Change::Remove(_) => !cuts.contains(&NodeIndex::from(c.index)),
+                Change::Add(_) => !matching.present()[c.index as usize],
             };
-            let next = candidates.iter().find(|c| match c.change {
-                Change::Remove(_) => free[c.index as usize] && !cuts.contains(&NodeIndex::from(c.index)),
-                Change::Add(_) => !matching.present()[c.index as usize] && beside(c.index, &|n| free[n]),
-            })?;
+            let next = candidates.iter().find(|c| self.lowers(&free, c) && fits(c))?;
             matching.forget();
-            if !change(&mut matching, around, next) {
+            if !change(&mut matching, around, next, &free) {
                 return None;
             }
             chosen.push(*next);
@@ -375,10 +386,10 @@ fn sort(candidates: &mut [Candidate]) {
     candidates.sort_by_key(|c| (c.cost, c.change.key()));
 }
 
-fn change(matching: &mut Matching, around: &Surroundings, candidate: &Candidate) -> bool {
+fn change(matching: &mut Matching, around: &Surroundings, candidate: &Candidate, free: &[bool]) -> bool {
     match candidate.change {
-        Change::Add(_) => matching.add(around, candidate.index),
-        Change::Remove(_) => matching.remove(around, candidate.index),
+        Change::Add(_) => matching.add(around, candidate.index, free),
+        Change::Remove(_) => matching.remove(around, candidate.index, free),
     }
 }
 

@@ -75,7 +75,9 @@ impl Analysis {
             pins: pairing.pins().to_vec(),
             d_without_pins,
             costly_pins,
-            repairs: allowed.map(|allowed| pairing.repairs_while(allowed, going)).unwrap_or_default(),
+            repairs: allowed
+                .map(|allowed| pairing.repairs_while(allowed, going).collect())
+                .unwrap_or_default(),
             split: split.then(|| Splits {
                 free: SplitAnswer::of(pairing, Footing::Free, going),
                 standing: SplitAnswer::of(pairing, Footing::Floor, going),

@@ -136,8 +136,10 @@ impl Recording {
         if let Some(why) = &state.ended {
             return Err(refused(StatusCode::CONFLICT, why));
         }
-        let room =
-            asked.room.as_ref().map(|changed| Ok((changed.t, read_room(&changed.text)?))).transpose()?;
+        let room = match &asked.room {
+            Some(changed) => Some((changed.t, read_room(&changed.text)?)),
+            None => None,
+        };
         let mut lines = String::new();
         let session = match (&state.page, room) {
             (Some(page), room) => {
