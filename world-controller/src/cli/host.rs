@@ -10,7 +10,7 @@ use crate::family;
 use crate::scenario::Plan;
 use crate::swarm::{
     Address, AddressError, DaemonError, DaemonOptions, HostsFile, HostsFileError, MODULE_LIMIT, ReachError,
-    Survey, build, daemon, host_status,
+    Survey, build, daemon, host_status, room_of_daemon,
 };
 use clap::Args;
 use metamorph_protocol::ids::HostId;
@@ -55,7 +55,7 @@ pub struct HostArgs {
     /// The directory of keys, for links between machines
     #[arg(long, value_name = "DIR")]
     pub keys: Option<PathBuf>,
-    /// The most modules that the daemon takes
+    /// The most modules that the daemon takes; the hard limit of open files may be lower
     #[arg(long, value_name = "N", default_value_t = MODULE_LIMIT as u32, value_parser = clap::value_parser!(u32).range(1..=MODULE_LIMIT as i64))]
     pub most: u32,
     /// Make an authority, a token, and certificates for the hosts of this hosts file in the new directory --keys; or for
@@ -136,7 +136,8 @@ pub fn host(args: HostArgs, interrupt: &Interrupt) -> Result<u8, Failure> {
         print_error(&format!("listening on {shown}; Ctrl-C ends it"));
     }
     let identity = args.name.zip(args.keys);
-    let (once, most) = (args.once, args.most);
+    // Invariant: the room is at most what was asked for.
+    let (once, most) = (args.once, room_of_daemon(u64::from(args.most)) as u32);
     daemon(&DaemonOptions { build: build(), address, identity, most, once, agents, shutdown })?;
     Ok(0)
 }

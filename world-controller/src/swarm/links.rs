@@ -3,7 +3,7 @@
 //! loses the messages that its agent has not taken yet, so the agent is asked first (`Process::leave`).
 //!
 //! Not here: links from agents to the controller, which stay open. Swarms small enough to keep all links open
-//! have no limit.
+//! have no limit. Daemons close none, and take no more agents than that permits.
 
 use crate::swarm::outcome::SwarmError;
 use metamorph_module_agent::transport::{Address, AgentKey, ConnectError, Transport};
@@ -113,7 +113,29 @@ pub fn descriptors_needed(agents: u64) -> u64 {
 /// # Errors
 /// If the limit stays below what it needs.
 pub fn raise_descriptor_limit(agents: u64) -> Result<(), SwarmError> {
-    let (least, useful) = (descriptors_needed(agents), OWN + agents * (AGENT + LINK));
+    raise(descriptors_needed(agents), all_open(agents))
+}
+
+/// Raises the limit of descriptors as far as `agents` agents of a daemon can use it, and returns the number of agents for
+/// which it suffices. A daemon keeps all links open, since frames of other hosts arrive at any time.
+pub fn room_of_daemon(agents: u64) -> u64 {
+    // What could not be raised bounds the room.
+    let _ = raise(0, all_open(agents));
+    room_within(allowed()).min(agents)
+}
+
+/// Returns the number of descriptors with which all links to so many agents stay open.
+pub fn all_open(agents: u64) -> u64 {
+    OWN + agents * (AGENT + LINK)
+}
+
+/// Returns the number of agents to which all links stay open with so many descriptors.
+fn room_within(descriptors: u64) -> u64 {
+    descriptors.saturating_sub(OWN) / (AGENT + LINK)
+}
+
+/// Raises the limit to `useful` descriptors, or as far as it goes.
+fn raise(least: u64, useful: u64) -> Result<(), SwarmError> {
     let limit = getrlimit(Resource::Nofile);
     let hard = limit.maximum.unwrap_or(u64::MAX);
     if hard < useful {
@@ -134,4 +156,19 @@ pub fn raise_descriptor_limit(agents: u64) -> Result<(), SwarmError> {
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_daemon_has_room_for_agents_whose_links_all_fit() {
+        for agents in [0, 1, 1_518, 16_000] {
+            assert_eq!(room_within(all_open(agents)), agents);
+            assert_eq!(room_within(all_open(agents) + AGENT + LINK - 1), agents);
+        }
+        assert_eq!((room_within(0), room_within(20_000)), (0, 1_518));
+        assert!(room_of_daemon(3) == 3, "a few agents always fit");
+    }
 }

@@ -114,18 +114,12 @@ pub struct Row {
 pub fn measure(live: &mut Live, on: &dyn Fn() -> Result<(), BenchError>) -> Result<Vec<Row>, BenchError> {
     rendezvous::set_verbosity(false);
     let before = sched_getaffinity(None).ok();
-    let roam = || {
-        if let Some(before) = &before {
-            // The former affinity was valid.
-            let _ = sched_setaffinity(None, before);
-        }
-    };
     let mut rows = Vec::new();
     for mechanism in Mechanism::ALL {
         let mut cost = |mode: Mode| {
             live.show(|| format!("wire: {}, {}", mechanism.name(), mode.name()));
             // The other process inherits the affinity of this one.
-            roam();
+            roam(before.as_ref());
             on()?;
             between_processes(mechanism, mode)
         };
@@ -136,8 +130,26 @@ pub fn measure(live: &mut Live, on: &dyn Fn() -> Result<(), BenchError>) -> Resu
         });
     }
     live.clear();
-    roam();
+    roam(before.as_ref());
     Ok(rows)
+}
+
+/// Measures how long a message is under way between two waiting agents, in nanoseconds.
+#[cfg(feature = "hosts")]
+pub fn hop() -> Result<f64, BenchError> {
+    rendezvous::set_verbosity(false);
+    let before = sched_getaffinity(None).ok();
+    let cost = between_processes(Mechanism::Ours, Mode::Waiting);
+    roam(before.as_ref());
+    Ok(cost?.round_trip_ns / 2.0)
+}
+
+/// Lets this process run on the processors that it had before.
+fn roam(before: Option<&CpuSet>) {
+    if let Some(before) = before {
+        // The former affinity was valid.
+        let _ = sched_setaffinity(None, before);
+    }
 }
 
 fn send(end: &mut dyn End, mode: Mode, message: u32) -> Result<(), BenchError> {

@@ -18,7 +18,6 @@ use super::remains::{Ending, Remains};
 use crate::console::shutdown::{Shutdown, Urgency};
 use crate::console::stopwatch::{Stopwatch, wait_until};
 use crate::swarm::launcher::{Event, Launcher};
-use crate::swarm::links::raise_descriptor_limit;
 use crate::swarm::outcome::SwarmError;
 use crate::swarm::processes::{acquire_lease, attach};
 use crate::swarm::reserve::Reserve;
@@ -251,12 +250,14 @@ fn prepare<'a>(
         return Err(format!("it is not {host}"));
     }
     if modules > options.most as usize {
-        return Err(format!("it has room for {} modules, and {modules} are at home there", options.most));
+        return Err(format!(
+            "it has room for {} modules, and {modules} are at home there; `--most` and the hard limit of open files (ulimit -Hn) bound it",
+            options.most
+        ));
     }
     gate.prepare(*host, &assignment.addresses).map_err(|e| e.to_string())?;
     let is_away = assignment.addresses.iter().any(|address| matches!(address, Address::Net { .. }));
     let share = || -> Result<Share<'a>, SwarmError> {
-        raise_descriptor_limit(modules as u64)?;
         set_verbosity(assignment.verbose);
         if let Err(e) = clean() {
             tracing::warn!("what earlier runs left behind could not be removed: {e}");

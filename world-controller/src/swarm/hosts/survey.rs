@@ -5,6 +5,7 @@ use super::address::Address;
 use super::hosts_file::HostsFile;
 use super::messages::{Answer, HostStatus, Opening};
 use super::reach::{MEETING, Reach, ReachError};
+use crate::swarm::links::all_open;
 use metamorph_protocol::ids::HostId;
 use metamorph_protocol::time::Span;
 use std::path::Path;
@@ -76,7 +77,9 @@ impl<'a> Survey<'a> {
         }
         if wanted > status.most as usize {
             return Some(format!(
-                "{wanted} modules are at home there\n  fix: start it with `--most {wanted}`, or divide the swarm otherwise"
+                "{wanted} modules are at home there, and it has room for {}\n  fix: start it with `--most {wanted}` where {} files may be open (ulimit -Hn, or LimitNOFILE of the service), or divide the swarm otherwise",
+                status.most,
+                all_open(wanted as u64)
             ));
         }
         match (clock_error, bound) {
