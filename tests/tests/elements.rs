@@ -159,6 +159,29 @@ fn several_transports_are_under_way_at_a_time() {
     assert_eq!(ran.code, Some(0), "{ran:?}");
     let elements = elements(&report(&ran.out));
     assert!(elements.placed == 3 && elements.under_way_at_most >= 2, "{elements:?}");
+    assert_eq!(elements.transports_at_most, 3, "{elements:?}");
+}
+
+/// In a large swarm only some metamodules are looked at for a transport. One that stands at the goal, far from the element, is
+/// among them if there is no plan without.
+#[test]
+fn a_metamodule_far_from_an_element_makes_room_at_its_goal() {
+    let at = [(1, 3), (1, 9), (5, 1), (5, 11), (9, 3), (9, 9), (19, 6)];
+    let start: String = at.iter().map(|(x, y)| format!("{{ at = [{x}, {y}] }}, ")).collect();
+    let mut text = fs::read_to_string(scenario("carry-cube.toml")).unwrap();
+    for (from, to) in [
+        ("max = [12, 9]", "max = [26, 14]"),
+        ("count = 3\n", ""),
+        ("start = \"random\"", &format!("start = [{start}]")),
+        ("at = { cell = [2, 3, 0] }", "at = { cell = [5, 6, 0] }"),
+        ("to = { cell = [8, 5, 4] }", "to = { cell = [19, 6, 0] }"),
+        ("foot = [8, 5]", "foot = [26, 14]"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        text = text.replace(from, to);
+    }
+    let ran = metamorph_tests::command::on(&text, &["run", "{}", "--link", "sim", "--json", "-"]);
+    assert_eq!((ran.code, elements(&report(&ran.out)).placed), (Some(0), 1), "{ran:?}");
 }
 
 #[test]

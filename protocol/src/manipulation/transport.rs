@@ -17,10 +17,23 @@ use super::walking::{Body, Ground, Motion, Stand};
 use crate::lattice::Cell;
 use crate::plan::search::{Method, Search};
 use crate::plan::{Cost, Limits, Outcome, Space, Step, actions};
-use std::collections::{BTreeSet, HashMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
+use std::ops::Range;
 
-/// Edges that are taken out at most.
-pub const MAX_REFUTATIONS: usize = 200;
+/// How many edges that cannot be carried out are taken out before the answer is [`Answer::Undecided`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Refutations {
+    /// The first so many are taken out for where all metamodules stand then, those after them wherever metamodules stand.
+    pub exact: usize,
+    /// The number of all.
+    pub most: usize,
+}
+
+impl Refutations {
+    /// 200, all of them exact.
+    pub const DEFAULT: Refutations = Refutations { exact: 200, most: 200 };
+}
+
 /// Expansions of one search at most.
 const MAX_EXPANSIONS: u64 = 1_000_000;
 /// Memory of one search in bytes: 256 MiB.
@@ -47,13 +60,25 @@ pub struct Task {
     pub fixed: Vec<Cell>,
     /// The weight of the lower bound in hundredths; 100 for a plan that is minimal in the relaxed graph.
     pub weight: u32,
+    /// The edges that are taken out at most.
+    pub refutations: Refutations,
 }
 
 impl Task {
     /// Creates the task to bring an element that is at rest to a goal, where any metamodule may hold it.
     pub fn new(bodies: Vec<Body>, start: Vec<Cell>, goal: Vec<Cell>, weight: u32) -> Task {
-        let (ends, fixed) = (None, Vec::new());
-        Task { bodies, start, held_by: None, goal, ends, puts_down: false, rests: false, fixed, weight }
+        Task {
+            bodies,
+            start,
+            held_by: None,
+            goal,
+            ends: None,
+            puts_down: false,
+            rests: false,
+            fixed: Vec::new(),
+            weight,
+            refutations: Refutations::DEFAULT,
+        }
     }
 }
 
@@ -146,9 +171,9 @@ pub fn plan_any_colour(ground: &Ground<'_>, task: &Task) -> Answer {
         Ok(graph) => graph,
         Err(reason) => return Answer::Infeasible(reason),
     };
+    let mut refutations = 0;
     loop {
-        let refutations = graph.banned.len();
-        if refutations > MAX_REFUTATIONS {
+        if refutations > task.refutations.most {
             return Answer::Undecided { refutations };
         }
         let limits = Limits { memory: MEMORY, work: MAX_EXPANSIONS };
@@ -163,7 +188,7 @@ pub fn plan_any_colour(ground: &Ground<'_>, task: &Task) -> Answer {
             _ => return Answer::Undecided { refutations },
         };
         let edges = actions(&&graph, &start, &path.keys).unwrap_or_default();
-        match graph.carried_out(&edges) {
+        match graph.carried_out(&path.keys, &edges) {
             Ok(situation) => {
                 let is_hand_over = |edge: &&Edge| matches!(edge, Edge::HandOver { .. });
                 let hand_overs = edges.iter().filter(is_hand_over).count() as u32;
@@ -176,7 +201,8 @@ pub fn plan_any_colour(ground: &Ground<'_>, task: &Task) -> Answer {
                 }
                 // The last edge leads to a goal that cannot be taken from there.
                 let edge = failed.min(path.keys.len() - 2);
-                graph.banned.insert((path.keys[edge].clone(), path.keys[edge + 1].clone()));
+                graph.ban(&path.keys[edge], &path.keys[edge + 1], refutations < task.refutations.exact);
+                refutations += 1;
             }
         }
     }
@@ -195,9 +221,20 @@ struct Relaxed<'a> {
     /// How the element is held at the start.
     held: Option<(u8, Hold)>,
     left: Left,
-    /// Edges that cannot be carried out.
+    /// Edges that cannot be carried out, by the keys of their states, whole or of the element only.
     banned: BTreeSet<(Vec<u8>, Vec<u8>)>,
+    /// The situation at the start.
+    begun: Situation<'a>,
+    /// By the keys of a path, the situation at its end and how the element is held or was held last: paths of later searches
+    /// begin alike.
+    carried: BTreeMap<Vec<Vec<u8>>, (Situation<'a>, Hold)>,
 }
+
+/// Situations that are kept, about.
+const MAX_KEPT: usize = 32;
+
+/// The part of a key that says where the element is and how it is held, but not by which metamodule.
+const OF_ELEMENT: Range<usize> = 1..6;
 
 /// A state: who holds the element and how, or where it rests, and the stands of all. That of the holder is where it stands,
 /// without a set.
@@ -258,7 +295,31 @@ impl<'a> Relaxed<'a> {
         if !holds.any(|hold| left.holds.contains_key(hold)) {
             return Err(Reason::NoTransfer);
         }
-        Ok(Relaxed { ground, task, resting, goals, goal, held, left, banned: BTreeSet::new() })
+        let (begun, carried) = (Situation::new(ground, task), BTreeMap::new());
+        Ok(Relaxed {
+            ground,
+            task,
+            resting,
+            goals,
+            goal,
+            held,
+            left,
+            banned: BTreeSet::new(),
+            begun,
+            carried,
+        })
+    }
+
+    /// Takes an edge out, where all metamodules stand as in these states, or wherever they stand.
+    fn ban(&mut self, from: &[u8], to: &[u8], is_exact: bool) {
+        let part = if is_exact { 0..from.len() } else { OF_ELEMENT };
+        self.banned.insert((from[part.clone()].to_vec(), to[part].to_vec()));
+    }
+
+    fn is_banned(&self, from: &[u8], to: &[u8]) -> bool {
+        let has =
+            |part: Range<usize>| self.banned.contains(&(from[part.clone()].to_vec(), to[part].to_vec()));
+        !self.banned.is_empty() && (has(0..from.len()) || has(OF_ELEMENT))
     }
 
     fn start(&self) -> State {
@@ -276,12 +337,20 @@ impl<'a> Relaxed<'a> {
         self.ground.scene().empty(hold.foothold)[usize::from(posture)]
     }
 
-    /// Carries out edges from the start, and then places the element. On failure returns the number of the edge that
-    /// cannot be carried out; the number of all edges if it is the placing.
-    fn carried_out(&self, edges: &[Edge]) -> Result<Situation<'a>, usize> {
-        let mut at = Situation::new(self.ground, self.task);
+    /// Carries out the edges of a path, and then places the element. On failure returns the number of the edge that cannot be
+    /// carried out; the number of all edges if it is the placing.
+    fn carried_out(&mut self, keys: &[Vec<u8>], edges: &[Edge]) -> Result<Situation<'a>, usize> {
+        if self.carried.len() > MAX_KEPT {
+            self.carried.clear();
+        }
+        let mut at = self.begun.clone();
         let mut last = self.held.map(|(_, hold)| hold);
         for (i, edge) in edges.iter().enumerate() {
+            let path = &keys[..i + 2];
+            if let Some((known, hold)) = self.carried.get(path) {
+                (at, last) = (known.clone(), Some(*hold));
+                continue;
+            }
             let (next, hold) = match edge {
                 Edge::PickUp { receiver, from, hold, came } => {
                     let same = |(h, p): &&(Hold, u16)| h == hold && self.empty(h, *p) == *came;
@@ -299,6 +368,7 @@ impl<'a> Relaxed<'a> {
                 }
             };
             (at, last) = (next.ok_or(i)?, Some(hold));
+            self.carried.insert(path.to_vec(), (at.clone(), hold));
         }
         if self.goal.is_some() {
             return Ok(at);
@@ -396,7 +466,7 @@ impl Space for &Relaxed<'_> {
         let mut unless_banned = |edge: Edge, found: Option<(Cost, State)>| {
             let Some((cost, to)) = found else { return };
             self.key(&to, &mut key);
-            if self.banned.is_empty() || !self.banned.contains(&(from.clone(), key.clone())) {
+            if !self.is_banned(&from, &key) {
                 visit(edge, cost, &to);
             }
         };

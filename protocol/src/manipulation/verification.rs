@@ -4,15 +4,19 @@ use super::handover::Pair;
 use super::scene::{Foothold, Hold, Way};
 use super::terrain::world_cell;
 use super::transport::Task;
-use super::walking::{Body, Ground, Motion, Walk, degrees_of};
+use super::walking::{Body, Ground, Motion, Walks, degrees_of};
 use crate::lattice::Cell;
 use crate::roombots::posture::Posture;
-use std::collections::BTreeSet;
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet};
+use std::rc::Rc;
 
 /// Pairs of postures that are tried for a hand-over, at most.
 const MAX_PAIRS: usize = 40;
 /// Sites that are tried for a metamodule to go away to, at most.
 const MAX_SITES: usize = 6;
+/// Ways to go away that are kept of a situation, at most.
+const MAX_KEPT: usize = 8;
 /// Least distance in cells between the feet of a metamodule that went away and the other one.
 const APART: u32 = 5;
 
@@ -53,6 +57,17 @@ pub struct Situation<'a> {
     fixed: &'a [Cell],
     /// What was done so far.
     pub actions: Vec<Action>,
+    /// What is known of walks from here; clones share it.
+    known: Rc<RefCell<Known<'a>>>,
+}
+
+/// What is known of walks from a situation.
+#[derive(Default)]
+struct Known<'a> {
+    /// By metamodule.
+    walks: BTreeMap<usize, Rc<Walks<'a>>>,
+    /// The situations in which a metamodule has gone away from another, on the way to a foothold.
+    away: BTreeMap<(usize, usize, Option<Foothold>), Vec<Situation<'a>>>,
 }
 
 impl<'a> Situation<'a> {
@@ -65,6 +80,7 @@ impl<'a> Situation<'a> {
             element: task.start.clone(),
             fixed: &task.fixed,
             actions: Vec::new(),
+            known: Rc::default(),
         }
     }
 
@@ -121,6 +137,7 @@ impl<'a> Situation<'a> {
             .into_iter()
             .flat_map(|at| postures.iter().filter_map(|posture| at.carried(*posture)).collect::<Vec<_>>());
         let mut after = ends.next()?;
+        after.known = Rc::default();
         after.holder = None;
         after.actions.push(Action { mover: holder, body_action: BodyAction::LetGo });
         Some(after)
@@ -144,6 +161,19 @@ impl<'a> Situation<'a> {
     /// Returns the situations in which a metamodule has gone to a site away from `other`, those with the least detour to
     /// `next` first.
     fn away(&self, mover: usize, other: usize, next: Option<Foothold>) -> Vec<Situation<'a>> {
+        let key = (mover, other, next);
+        if let Some(known) = self.known.borrow().away.get(&key) {
+            return known.clone();
+        }
+        let away = self.find_away(mover, other, next);
+        let kept = &mut self.known.borrow_mut().away;
+        if kept.len() < MAX_KEPT {
+            kept.insert(key, away.clone());
+        }
+        away
+    }
+
+    fn find_away(&self, mover: usize, other: usize, next: Option<Foothold>) -> Vec<Situation<'a>> {
         let (scene, at) = (self.ground.scene(), self.bodies[mover]);
         let foot = |f: Foothold| world_cell(scene.pose(f), Cell::default());
         let middle = foot(self.bodies[other].foothold);
@@ -183,14 +213,23 @@ impl<'a> Situation<'a> {
         cells
     }
 
+    fn walks(&self, mover: usize) -> Rc<Walks<'a>> {
+        let new = || Rc::new(Walks::new(self.ground, self.obstacles(mover), self.bodies[mover]));
+        Rc::clone(self.known.borrow_mut().walks.entry(mover).or_insert_with(new))
+    }
+
+    /// Returns the same situation, to be changed: walks from there are others.
+    fn before_change(&self) -> Situation<'a> {
+        Situation { known: Rc::default(), ..self.clone() }
+    }
+
     fn walked(&self, mover: usize, to: Body) -> Option<Situation<'a>> {
-        let obstacles = self.obstacles(mover);
-        let taken = self.ground.scene().body(to.foothold, to.posture);
-        if taken.iter().any(|c| obstacles.contains(c)) {
+        let walks = self.walks(mover);
+        if !walks.fits(to) {
             return None;
         }
-        let motions = Walk::new(self.ground, &obstacles, to).find(self.bodies[mover], to)?;
-        let mut after = self.clone();
+        let motions = walks.find(to)?;
+        let mut after = self.before_change();
         after.bodies[mover] = to;
         after.actions.extend(
             motions.into_iter().map(|motion| Action { mover, body_action: BodyAction::Move(motion) }),
@@ -211,7 +250,7 @@ impl<'a> Situation<'a> {
             !carry.steps()[step].swept.meets(&blocked) && scene.is_within_limits(foothold, grip, step)
         };
         let path = carry.path(posture, to, passes)?;
-        let mut after = self.clone();
+        let mut after = self.before_change();
         after.bodies[mover].posture = to;
         after.element = scene.held(foothold, grip, to)?;
         after.actions.extend(path.into_iter().map(|(step, to)| {
@@ -223,6 +262,7 @@ impl<'a> Situation<'a> {
 
     /// The metamodule grips the element, and the one that held it lets go.
     fn gripped(mut self, receiver: usize, grip: u8) -> Situation<'a> {
+        self.known = Rc::default();
         self.actions.push(Action { mover: receiver, body_action: BodyAction::Grip { grip } });
         if let Some((mover, _)) = self.holder.replace((receiver, grip)) {
             self.actions.push(Action { mover, body_action: BodyAction::LetGo });

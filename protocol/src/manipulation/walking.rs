@@ -6,8 +6,8 @@ use crate::lattice::Cell;
 use crate::plan::search::{Method, Search};
 use crate::plan::{Cost, Limits, Outcome, Space, Step};
 use crate::roombots::posture::is_middle;
-use std::cell::RefCell;
-use std::collections::{BTreeSet, HashMap, VecDeque};
+use std::cell::{OnceCell, RefCell};
+use std::collections::{BTreeSet, HashMap, HashSet, VecDeque};
 use std::rc::Rc;
 
 /// A foothold and a set of empty postures there.
@@ -73,30 +73,7 @@ pub fn leaves(
     from: Body,
     is_out: impl Fn(Foothold) -> bool,
 ) -> bool {
-    let scene = ground.scene;
-    let mut known: HashMap<Foothold, Sets> = HashMap::new();
-    let mut sets = |foothold: Foothold| {
-        let free = || scene.empty_among(&scene.blocked(foothold, |c| obstacles.contains(&c)));
-        known.entry(foothold).or_insert_with(free).clone()
-    };
-    let first = (from.foothold, sets(from.foothold)[usize::from(from.posture)]);
-    let mut seen = BTreeSet::from([first]);
-    let mut open = VecDeque::from([first]);
-    while let Some((foothold, set)) = open.pop_front() {
-        if is_out(foothold) {
-            return true;
-        }
-        let here = sets(foothold);
-        for landing in scene.landings(foothold) {
-            if here[usize::from(landing.posture)] == set && ground.exists(landing.to) {
-                let to = (landing.to, sets(landing.to)[usize::from(landing.reversed)]);
-                if seen.insert(to) {
-                    open.push_back(to);
-                }
-            }
-        }
-    }
-    false
+    Walks::new(ground, obstacles.clone(), from).reach(is_out).1
 }
 
 /// A metamodule that stands.
@@ -122,29 +99,45 @@ pub enum Motion {
     Land(Body),
 }
 
-/// The walks of a metamodule among obstacles.
-pub struct Walk<'a> {
+/// The walks of a metamodule from where it stands, among obstacles. What is found out for one walk is kept for the next.
+pub struct Walks<'a> {
     ground: &'a Ground<'a>,
-    obstacles: &'a BTreeSet<Cell>,
-    goal: Stand,
-    /// To the goal without obstacles.
-    bound: Distances,
+    from: Body,
+    /// The cells of other bodies.
+    obstacles: BTreeSet<Cell>,
     sets: RefCell<HashMap<Foothold, Sets>>,
+    /// The stands that can be reached; known once there was no walk to one.
+    reached: OnceCell<HashSet<Stand>>,
 }
 
-impl<'a> Walk<'a> {
-    /// Creates the walks to a posture at a foothold. The obstacles are the cells of other bodies.
-    pub fn new(ground: &'a Ground<'a>, obstacles: &'a BTreeSet<Cell>, to: Body) -> Walk<'a> {
-        let bound = (to.foothold, ground.scene.empty(to.foothold)[usize::from(to.posture)]);
-        let mut walk = Walk {
-            ground,
-            obstacles,
-            goal: (to.foothold, 0),
-            bound: ground.distances(bound),
-            sets: RefCell::default(),
+impl<'a> Walks<'a> {
+    /// Creates the walks from a posture at a foothold. The obstacles are the cells of other bodies.
+    pub fn new(ground: &'a Ground<'a>, obstacles: BTreeSet<Cell>, from: Body) -> Walks<'a> {
+        Walks { ground, from, obstacles, sets: RefCell::default(), reached: OnceCell::new() }
+    }
+
+    /// Returns true if a metamodule in this posture is in none of the cells of other bodies.
+    pub fn fits(&self, at: Body) -> bool {
+        let cells = self.ground.scene.body(at.foothold, at.posture);
+        !cells.iter().any(|c| self.obstacles.contains(c))
+    }
+
+    /// Finds a walk with the fewest landings to a posture at a foothold; `None` if there is none.
+    pub fn find(&self, to: Body) -> Option<Vec<Motion>> {
+        let (start, goal) = (self.stand(self.from), self.stand(to));
+        if self.reached.get().is_some_and(|reached| !reached.contains(&goal)) {
+            return None;
+        }
+        let end = (to.foothold, self.ground.scene.empty(to.foothold)[usize::from(to.posture)]);
+        let walk = Walk { walks: self, goal, bound: self.ground.distances(end) };
+        let limits = Limits { memory: 64 << 20, work: MAX_EXPANSIONS };
+        let mut search = Search::new(walk, &start, limits, Method::astar());
+        let Step::Done(Outcome::Solved { path, .. }) = search.advance(u64::MAX) else {
+            self.reached.get_or_init(|| self.reach(|_| false).0);
+            return None;
         };
-        walk.goal.1 = walk.sets(to.foothold)[usize::from(to.posture)];
-        walk
+        let stands: Vec<Stand> = path.keys.iter().map(|key| search.space().state(key)).collect();
+        self.replay(&stands, to)
     }
 
     fn sets(&self, foothold: Foothold) -> Sets {
@@ -161,19 +154,31 @@ impl<'a> Walk<'a> {
         (body.foothold, self.sets(body.foothold)[usize::from(body.posture)])
     }
 
-    /// Finds a walk with the fewest landings from a body to the goal in `to`; `None` if there is none.
-    pub fn find(self, from: Body, to: Body) -> Option<Vec<Motion>> {
-        let start = self.stand(from);
-        let limits = Limits { memory: 64 << 20, work: MAX_EXPANSIONS };
-        let mut search = Search::new(self, &start, limits, Method::astar());
-        let Step::Done(Outcome::Solved { path, .. }) = search.advance(u64::MAX) else { return None };
-        let stands: Vec<Stand> = path.keys.iter().map(|key| search.space().state(key)).collect();
-        search.space().replay(from, &stands, to)
+    /// Returns the stands one landing away.
+    fn next(&self, (foothold, set): Stand) -> impl Iterator<Item = Stand> {
+        let sets = self.sets(foothold);
+        let landings = self.ground.scene.landings(foothold).iter();
+        let landings = landings.filter(move |landing| sets[usize::from(landing.posture)] == set);
+        let landings = landings.filter(|landing| self.ground.exists(landing.to));
+        landings.map(|landing| self.stand(Body { foothold: landing.to, posture: landing.reversed }))
+    }
+
+    /// Returns the stands that can be reached, up to the first at a foothold that `is_end` accepts, and whether there is one.
+    fn reach(&self, is_end: impl Fn(Foothold) -> bool) -> (HashSet<Stand>, bool) {
+        let start = self.stand(self.from);
+        let (mut reached, mut open) = (HashSet::from([start]), VecDeque::from([start]));
+        while let Some(at) = open.pop_front() {
+            if is_end(at.0) {
+                return (reached, true);
+            }
+            open.extend(self.next(at).filter(|to| reached.insert(*to)));
+        }
+        (reached, false)
     }
 
     /// Returns the motions along a path of stands.
-    fn replay(&self, from: Body, stands: &[Stand], to: Body) -> Option<Vec<Motion>> {
-        let (mut at, mut motions) = (from, Vec::new());
+    fn replay(&self, stands: &[Stand], to: Body) -> Option<Vec<Motion>> {
+        let (mut at, mut motions) = (self.from, Vec::new());
         for pair in stands.windows(2) {
             let sets = self.sets(at.foothold);
             let landing = self.ground.scene.landings(at.foothold).iter().find(|landing| {
@@ -209,6 +214,14 @@ pub fn degrees_of(joint: usize) -> u16 {
     if is_middle(joint) { 90 } else { 120 }
 }
 
+/// The search for a walk to one stand.
+struct Walk<'a> {
+    walks: &'a Walks<'a>,
+    goal: Stand,
+    /// To the goal without obstacles.
+    bound: Distances,
+}
+
 impl Space for Walk<'_> {
     type State = Stand;
     type Action = ();
@@ -223,17 +236,11 @@ impl Space for Walk<'_> {
     fn state(&self, key: &[u8]) -> Stand {
         (u16::from_be_bytes([key[0], key[1]]), u16::from_be_bytes([key[2], key[3]]))
     }
-    fn expand(&self, (foothold, set): &Stand, visit: &mut impl FnMut((), Cost, &Stand)) {
-        let sets = self.sets(*foothold);
-        for landing in self.ground.scene.landings(*foothold) {
-            if sets[usize::from(landing.posture)] == *set && self.ground.exists(landing.to) {
-                let to = Body { foothold: landing.to, posture: landing.reversed };
-                visit((), 1, &self.stand(to));
-            }
-        }
+    fn expand(&self, stand: &Stand, visit: &mut impl FnMut((), Cost, &Stand)) {
+        self.walks.next(*stand).for_each(|to| visit((), 1, &to));
     }
     fn lower(&self, (foothold, set): &Stand) -> Option<Cost> {
-        let without = self.ground.scene.empty(*foothold)[usize::from(*set)];
+        let without = self.walks.ground.scene.empty(*foothold)[usize::from(*set)];
         self.bound.get(&(*foothold, without)).map(|d| Cost::from(*d))
     }
     fn is_goal(&self, state: &Stand) -> bool {

@@ -7,7 +7,7 @@ use crate::manipulation::element::{Element, Grip};
 use crate::manipulation::load::{Limits, Peak};
 use crate::manipulation::scene::{Foothold, Scene, hand_overs};
 use crate::manipulation::terrain::Terrain;
-use crate::manipulation::transport::{Answer, Reason, Task, plan as search};
+use crate::manipulation::transport::{Answer, Reason, Refutations, Task, plan as search};
 use crate::manipulation::verification::{Action, BodyAction};
 use crate::manipulation::walking::{Body, Ground, Motion};
 use crate::metamodule::params::{Floor, Setup};
@@ -90,6 +90,8 @@ pub struct Transport<'a> {
     pub goal: &'a [Cell],
     /// True if it lies at its goal in the end, and is not held.
     pub lies: bool,
+    /// The edges of the manipulation graph that are taken out at most in each search.
+    pub refutations: Refutations,
 }
 
 /// The most scenes that are kept.
@@ -210,6 +212,7 @@ fn planned(at: &Standstill, transport: &Transport<'_>, scenes: &Scenes, means: M
         puts_down: means.puts_down,
         rests: transport.lies,
         fixed: at.fixed.clone(),
+        refutations: transport.refutations,
         ..Task::new(bodies, transport.cells.to_vec(), transport.goal.to_vec(), WEIGHT)
     };
     match search(&ground, &task) {

@@ -38,7 +38,8 @@ impl MetamoduleDirector {
         let stuck = all.filter(|id| world.is_stuck(*id)).flat_map(|id| world.cells(id)).copied();
         let stays: BTreeSet<Cell> = self.foreign(world).into_iter().chain(stuck).collect();
         let negotiated = !self.setup.params.strategy.is_published();
-        let is_sought = negotiated && !self.task.is_dropped;
+        // While an element is not there, what fills seeds decides nothing.
+        let is_sought = negotiated && !self.task.is_dropped && blocked.is_none();
         let sought = if is_sought { search(&self.snapshot(world), WORK) } else { SearchResult::Undecided };
         let proof = self.proof(&sought);
         // By precedence a metamodule also waits for one that is refused nothing and has no place to go to.

@@ -62,6 +62,8 @@ pub struct PlanCounts {
     pub work: u64,
     /// Times that the metamodules were left to decide for themselves.
     pub handed_over: u64,
+    /// The largest number of transports under way at a time: from the first order to the end of the last step.
+    pub transports_at_most: u64,
 }
 
 /// An element as it is now.
@@ -195,6 +197,8 @@ struct Step {
     after: Vec<usize>,
     /// True if the metamodule fills a seed then.
     fills: bool,
+    /// The element that is brought.
+    element: Option<usize>,
     /// Where the body is afterwards.
     to: Pose,
     /// When it counts as late; `None` before it is ordered.
@@ -348,7 +352,8 @@ impl PlanExecution {
             let mover = ids[body];
             let end = MoveEnd::of(lands, fills.is_some());
             let instruction = Instruction::Move { mover, from, posture, end };
-            Some(Step { id: mover, instruction, after, fills: fills.is_some(), to, due: None, done: false })
+            let fills = fills.is_some();
+            Some(Step { id: mover, instruction, after, fills, element: None, to, due: None, done: false })
         };
         // Invariant: a move that lands ends where the free end is on a connector, so none is left out.
         self.steps = moves.into_iter().filter_map(step).collect();
@@ -375,12 +380,12 @@ impl PlanExecution {
             // Another metamodule may bring an element to its goal.
             let holders = swarm.elements_left().filter(|e| !elements[*e].is_pinned);
             let mut holders = holders.filter_map(|e| match elements[e].holders.as_slice() {
-                [holder] => Some(*holder),
+                [holder] => Some((e, *holder)),
                 _ => None,
             });
-            let put = holders.find_map(|body| put_back(&standstill, body));
+            let put = holders.find_map(|(element, body)| Some((element, put_back(&standstill, body)?)));
             return match put {
-                Some(steps) => self.follow(now, &ids, in_a_row(steps), 1),
+                Some((element, steps)) => self.follow(now, &ids, in_a_row(element, steps), 1),
                 None => self.run_out(now, swarm, orders),
             };
         }
@@ -392,7 +397,7 @@ impl PlanExecution {
 
     /// Carries the steps of transports out, which took so many searches to plan.
     fn follow(&mut self, now: Time, ids: &[ModuleId], steps: Vec<OrderedStep>, searches: usize) {
-        let step = |OrderedStep { step, after, fills }: OrderedStep| {
+        let step = |OrderedStep { step, element, after, fills }: OrderedStep| {
             let (id, TransportStep { from, to, .. }) = (ids[step.body], step);
             let turns = |posture, lands| {
                 let end = MoveEnd::of(lands, fills);
@@ -403,7 +408,7 @@ impl PlanExecution {
                 TransportAction::Land(posture) => turns(posture, true),
                 TransportAction::Handle(load) => Instruction::Handle { mover: id, from, load },
             };
-            Step { id, instruction, after, fills, to, due: None, done: false }
+            Step { id, instruction, after, fills, element: Some(element), to, due: None, done: false }
         };
         self.steps = steps.into_iter().map(step).collect();
         let work = TRANSPORT_WORK as u64 * searches as u64;
@@ -417,7 +422,8 @@ impl PlanExecution {
         let step = |(id, from, load): (ModuleId, Pose, Load)| {
             let instruction = Instruction::Handle { mover: id, from, load };
             let to = Pose { load, ..from };
-            Step { id, instruction, after: Vec::new(), fills: true, to, due: None, done: false }
+            let after = Vec::new();
+            Step { id, instruction, after, fills: true, element: None, to, due: None, done: false }
         };
         self.steps = bonds.into_iter().map(step).collect();
         self.stage = Stage::Planning(now);
@@ -456,6 +462,9 @@ impl PlanExecution {
         let is_due =
             |step: &Step| step.due.is_none() && step.after.iter().all(|before| self.steps[*before].done);
         let due: Vec<usize> = (0..self.steps.len()).filter(|i| is_due(&self.steps[*i])).collect();
+        if due.is_empty() {
+            return;
+        }
         for i in due {
             let step = &mut self.steps[i];
             step.due = Some(now + allowed);
@@ -463,6 +472,12 @@ impl PlanExecution {
             self.counts.ordered += 1;
             self.instruct(id, instruction, orders);
         }
+        let of = |is_it: fn(&&Step) -> bool| -> BTreeSet<usize> {
+            self.steps.iter().filter(is_it).filter_map(|step| step.element).collect()
+        };
+        let (begun, left) = (of(|step| step.due.is_some()), of(|step| !step.done));
+        let under_way = begun.intersection(&left).count() as u64;
+        self.counts.transports_at_most = self.counts.transports_at_most.max(under_way);
     }
 
     /// Decides what to do where the plan has ended and seeds are left.
@@ -494,11 +509,11 @@ impl PlanExecution {
     }
 }
 
-/// Returns steps that come one after the other.
-fn in_a_row(steps: Vec<TransportStep>) -> Vec<OrderedStep> {
+/// Returns the steps of one element that come one after the other.
+fn in_a_row(element: usize, steps: Vec<TransportStep>) -> Vec<OrderedStep> {
     let ordered = |(i, step): (usize, TransportStep)| {
         let after = i.checked_sub(1).into_iter().collect();
-        OrderedStep { step, after, fills: false }
+        OrderedStep { step, element, after, fills: false }
     };
     steps.into_iter().enumerate().map(ordered).collect()
 }

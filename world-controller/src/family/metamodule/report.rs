@@ -90,6 +90,10 @@ pub struct ElementsReport {
     /// The largest number of elements that were on their way at a time: held, and not at their goals.
     #[serde(default)]
     pub under_way_at_most: u64,
+    /// The largest number of transports under way at a time: from the first order to the end of the last step, with the walks of
+    /// metamodules to and from the element.
+    #[serde(default)]
+    pub transports_at_most: u64,
 }
 
 /// An element that cannot be moved.

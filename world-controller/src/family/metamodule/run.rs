@@ -56,6 +56,7 @@ fn elements_report(
         drops_on_bodies: action_counts.drops_on_bodies,
         drops_recovered: action_counts.recovered,
         under_way_at_most: action_counts.under_way_at_most,
+        transports_at_most: director.plan_counts().map_or(0, |counts| counts.transports_at_most),
     })
 }
 
