@@ -90,17 +90,35 @@ impl Browser {
         self.try_call(method, parameters).unwrap_or_else(|error| panic!("{method}: {error}"))
     }
 
+    /// Calls methods one right after the other, without waiting for their answers in between.
+    pub fn calls<const N: usize>(&mut self, calls: [(&str, Value); N]) {
+        for number in calls.map(|(method, parameters)| self.send(method, parameters)) {
+            self.answer(number).unwrap_or_else(|error| panic!("{error}"));
+        }
+    }
+
     fn try_call(&mut self, method: &str, parameters: Value) -> Result<Value, Value> {
+        let number = self.send(method, parameters);
+        self.answer(number)
+    }
+
+    /// Sends a call and returns its number.
+    fn send(&mut self, method: &str, parameters: Value) -> u64 {
         self.asked += 1;
         let mut request = json!({ "id": self.asked, "method": method, "params": parameters });
         if !self.session.is_empty() {
             request["sessionId"] = json!(self.session);
         }
         self.socket.send(Message::text(request.to_string())).expect("the browser listens");
+        self.asked
+    }
+
+    /// Waits for the answer to a call. The browser answers input events in their order.
+    fn answer(&mut self, number: u64) -> Result<Value, Value> {
         loop {
             let Message::Text(text) = self.socket.read().expect("the browser answers") else { continue };
             let mut answer: Value = serde_json::from_str(&text).expect("the browser speaks JSON");
-            if answer["id"] == json!(self.asked) {
+            if answer["id"] == json!(number) {
                 return match answer["error"].take() {
                     Value::Null => Ok(answer["result"].take()),
                     error => Err(error),

@@ -217,8 +217,7 @@ impl Case {
     fn command(&self) -> String {
         let release = if cfg!(debug_assertions) { "" } else { "--release " };
         format!(
-            "{REPEAT}={self} cargo test {release}-p metamorph-tests --test sim_metamodules -- --ignored --exact \
-             the_named_run --nocapture"
+            "{REPEAT}={self} cargo test {release}-p metamorph-tests the_named_run -- --ignored --nocapture"
         )
     }
 

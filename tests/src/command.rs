@@ -54,7 +54,7 @@ fn binary(name: &str) -> PathBuf {
     if modified(&binary) < newest_library(deps) || !binary.exists() {
         let mut build = Command::new(env!("CARGO"));
         // With a test of the workspace beside it, the features are those of the tests, and no library is built twice.
-        build.args(["build", "--quiet", "--workspace", "--bin", name, "--test", "architecture"]);
+        build.args(["build", "--quiet", "--workspace", "--bin", name, "--test", "suite"]);
         build.arg("--target-dir").arg(profile.parent().unwrap_or(profile));
         if profile.ends_with("release") {
             build.arg("--release");

@@ -17,8 +17,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use tempfile::TempDir;
 
-/// Times of the links between hosts in these tests.
-const TIMES: &str = "version = 1\nsilent = \"1s\"\nfence = \"2s\"\n";
+/// Times of the links between hosts in most of these tests: shorter than the default ones.
+const TIMES: &str = "silent = \"1s\"\nfence = \"2s\"\n";
 
 /// What a cable holds back: what goes to the daemon, and what comes from it.
 #[derive(Debug, Default)]
@@ -76,10 +76,15 @@ pub struct Daemons {
 }
 
 impl Daemons {
-    /// Starts the daemons.
+    /// Starts the daemons, with a silence of 1 s and a fence of 2 s in the hosts file.
     pub fn start() -> Daemons {
+        Daemons::with(TIMES)
+    }
+
+    /// Starts the daemons, with these times in the hosts file.
+    pub fn with(times: &str) -> Daemons {
         let directory = tempfile::tempdir().unwrap();
-        let mut text = format!("{TIMES}[[host]]\nname = \"h1\"\naddress = \"local\"\n");
+        let mut text = format!("version = 1\n{times}[[host]]\nname = \"h1\"\naddress = \"local\"\n");
         let mut daemons = Daemons { directory, children: Vec::new(), cables: Vec::new() };
         for host in ["h2", "h3"] {
             let (socket, relay) = (daemons.path(&format!("{host}.daemon")), daemons.path(host));

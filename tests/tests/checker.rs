@@ -82,7 +82,7 @@ fn drawn_scenarios_pass_the_checker() {
     explored(60, 20);
 }
 
-/// `CHECKED=1000 cargo test --release -p metamorph-tests --test checker -- --ignored --nocapture`; a third of
+/// `CHECKED=1000 cargo test --release -p metamorph-tests checker:: -- --ignored --nocapture`; a third of
 /// the runs are of metamodules.
 #[test]
 #[ignore = "minutes: 1,000 runs, or as many as CHECKED says"]

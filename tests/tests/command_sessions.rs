@@ -117,7 +117,7 @@ fn sessions(seeds: std::ops::Range<u64>) -> u64 {
         assert_eq!(
             (&first.trace_hash, &first.state_hash, &first.outcome),
             (&second.trace_hash, &second.state_hash, &second.outcome),
-            "seed {seed}; repeat with `cargo test -p metamorph-tests --test command_sessions`, and this scenario:\n{scenario}"
+            "seed {seed}; repeat with `cargo test -p metamorph-tests command_sessions::`, and this scenario:\n{scenario}"
         );
         assert_eq!(first.invariants.broken, 0, "seed {seed}:\n{scenario}");
         taken += given.len() as u64;
@@ -131,7 +131,7 @@ fn a_session_is_a_scenario() {
     assert!(taken > 20, "{taken} commands were taken");
 }
 
-/// `cargo test --release -p metamorph-tests --test command_sessions -- --ignored`
+/// `cargo test --release -p metamorph-tests command_sessions:: -- --ignored`
 #[test]
 #[ignore = "takes minutes"]
 fn a_thousand_sessions_are_scenarios() {

@@ -289,7 +289,7 @@ fn killed_sessions_are_resumed() {
     assert_eq!(killed, 2);
 }
 
-/// `cargo test -p metamorph-tests --test commands -- --ignored --nocapture fifty`
+/// `cargo test -p metamorph-tests commands::fifty -- --ignored --nocapture`
 #[test]
 #[ignore = "takes minutes"]
 fn fifty_killed_sessions_are_resumed() {

@@ -54,7 +54,7 @@ fn four_processes_close_the_loop_although_one_is_killed() {
     loops_are_closed(0..3);
 }
 
-/// `cargo test -p metamorph-tests --test free_modules -- --ignored --nocapture hundred`, or some of the runs with
+/// `cargo test -p metamorph-tests a_hundred_loops -- --ignored --nocapture`, or some of the runs with
 /// `METAMORPH_SEEDS=0..50` before it.
 #[test]
 #[ignore = "minutes: a hundred runs of processes"]

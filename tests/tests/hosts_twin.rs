@@ -1,7 +1,7 @@
 //! The simulated twin of a swarm on several hosts: with the same drawn loss between hosts, a run of processes and a simulated
 //! one lose the same share of the messages that cross, class by class. Statistics, so runs on demand:
 //!
-//! `cargo test -p metamorph-tests --test hosts_twin -- --ignored --nocapture`
+//! `cargo test -p metamorph-tests hosts_twin:: -- --ignored --nocapture`
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 #![allow(clippy::print_stdout, reason = "the figures are the result")]
 

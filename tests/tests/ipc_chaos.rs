@@ -348,7 +348,7 @@ fn a_storm_of_kills_restarts_and_pauses() {
     storm(12, 60, 1);
 }
 
-/// Takes a while: `cargo test --release --test ipc_chaos -- --ignored --nocapture`.
+/// Takes a while: `cargo test --release -p metamorph-tests ipc_chaos:: -- --ignored --nocapture`.
 #[test]
 #[ignore = "takes half a minute of both cores"]
 fn a_long_storm_over_many() {

@@ -8,6 +8,7 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::record::{Event, Record};
 use metamorph_tests::chaos::{agent_of, root_of, signal_to, wait_until};
 use metamorph_tests::command::{command, report, run, run_processes, scenario};
+use metamorph_tests::statistics::seeds_or;
 use metamorph_world_controller::family::metamodule::report::{ElementsReport, MetamoduleReport};
 use metamorph_world_controller::record::journal::parts_of;
 use metamorph_world_controller::report::schema::Report;
@@ -175,7 +176,7 @@ fn a_cube_stays_held_at_every_kill() {
     let done = Path::new(env!("CARGO_TARGET_TMPDIR")).join("hand-over-kills.txt");
     let before = fs::read_to_string(&done).unwrap_or_default();
     let mut file = fs::OpenOptions::new().create(true).append(true).open(&done).unwrap();
-    for seed in 0..50 {
+    for seed in seeds_or(0..50) {
         for (victim, step) in VICTIMS.iter().flat_map(|v| STEPS.map(|s| (*v, s))) {
             let about = format!("{victim:?} at step {step}, seed {seed}:");
             if !before.contains(&about) {

@@ -128,7 +128,8 @@ fn a_host_that_is_cut_off_for_longer_than_the_fence_leaves_its_counts() {
 #[test]
 fn a_daemon_that_is_frozen_for_less_than_the_fence_loses_no_module() {
     let _alone = ALONE.lock();
-    let daemons = Daemons::start();
+    // Longer than a loaded machine may take to go on with a daemon that is continued.
+    let daemons = Daemons::with("silent = \"1s\"\nfence = \"60s\"\n");
     let report = run_on(&daemons, || {
         daemons.signal(0, Signal::STOP);
         std::thread::park_timeout(std::time::Duration::from_millis(1_300));

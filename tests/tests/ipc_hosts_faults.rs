@@ -1,18 +1,22 @@
 //! Statistics of hosts and cables that fail: each fault is repeated, and breaks no invariant, loses no message from the
 //! counts, and leaves nothing behind. Runs on demand: each takes about twenty seconds.
 //!
-//! `cargo test -p metamorph-tests --test ipc_hosts_faults -- --ignored --nocapture` goes on where it was stopped: each run
+//! `cargo test -p metamorph-tests ipc_hosts_faults:: -- --ignored --nocapture` goes on where it was stopped: each run
 //! appends a line to `target/tmp/hosts-faults.txt`. Delete the file to begin anew. `METAMORPH_SEEDS=0..25` before it makes
 //! the first 25 runs of each fault, so that several such commands can share the work.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_module_agent::journal_file::Reader;
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::record::{Record, Who};
+use metamorph_protocol::time::{Span, Time};
 use metamorph_tests::chaos::{root_of, signal_to, wait_until};
 use metamorph_tests::command::{command, report, run, scenario};
 use metamorph_tests::daemons::{Daemons, left_by};
 use metamorph_tests::statistics::seeds_or;
-use metamorph_world_controller::record::journal::{Event, parts_of};
+use metamorph_world_controller::record::journal::{Event, Journal, parts_of};
 use rustix::process::Signal;
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::Write;
 use std::ops::Range;
@@ -26,6 +30,8 @@ const RUNS: Range<u64> = 0..50;
 const SHORT: Duration = Duration::from_millis(1_300);
 /// Longer than the fence.
 const LONG: Duration = Duration::from_millis(3_500);
+/// Longer than the default fence of 10 s, with which these runs are made.
+const PARTITION: Duration = Duration::from_secs(30);
 
 /// A fault of h2, of the cable to it, or of the controller's host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,7 +43,7 @@ enum Fault {
     ControllerLost,
 }
 
-const FAULTS: [(&str, Fault); 11] = [
+const FAULTS: [(&str, Fault); 14] = [
     ("killed", Fault::Killed),
     ("asked-to-end", Fault::AskedToEnd),
     ("frozen-short", Fault::Frozen(SHORT)),
@@ -49,9 +55,20 @@ const FAULTS: [(&str, Fault); 11] = [
     ("cut-from-short", Fault::Cut { to: false, from: true, lasts: SHORT }),
     ("cut-from-long", Fault::Cut { to: false, from: true, lasts: LONG }),
     ("controller-lost", Fault::ControllerLost),
+    ("partition", Fault::Cut { to: true, from: true, lasts: PARTITION }),
+    ("partition-to", Fault::Cut { to: true, from: false, lasts: PARTITION }),
+    ("partition-from", Fault::Cut { to: false, from: true, lasts: PARTITION }),
 ];
 
 impl Fault {
+    /// Starts daemons with the times for this fault; returns them and when the run has to end.
+    fn daemons(self) -> (Daemons, &'static str) {
+        match self {
+            Fault::Cut { lasts: PARTITION, .. } => (Daemons::with(""), "stop.timeout=90s"),
+            _ => (Daemons::start(), "stop.timeout=40s"),
+        }
+    }
+
     fn strike(self, daemons: &Daemons, controller: &Child) {
         match self {
             Fault::Killed => daemons.signal(0, Signal::KILL),
@@ -76,15 +93,38 @@ impl Fault {
     }
 }
 
+/// Checks that no agent took an input after the controller had counted it as dead, in scenario time, which all processes of a
+/// machine read from one clock. Returns the least time between its last input and that, and the time between the last input
+/// of any of them and the death of the last.
+fn fenced_before(journal: &Path) -> Result<Option<(Span, Span)>, String> {
+    let (mut stepped, mut died) = (BTreeMap::new(), BTreeMap::new());
+    for record in Journal::open(journal).map_err(|e| e.to_string())? {
+        let Record { at, who, event } = record.map_err(|e| e.to_string())?;
+        match (who, event) {
+            (Who::Agent(id, _), Event::Step(_)) => _ = stepped.insert(id, at),
+            (Who::Controller, Event::Died { id }) => _ = died.insert(id, at),
+            _ => {}
+        }
+    }
+    let of = |(id, death): (&ModuleId, &Time)| Some((*id, *stepped.get(id)?, *death));
+    let deaths: Vec<(ModuleId, Time, Time)> = died.iter().filter_map(of).collect();
+    if let Some((id, last, death)) = deaths.iter().find(|(_, last, death)| last > death) {
+        return Err(format!("module {id} took an input at {last} and had counted as dead since {death}"));
+    }
+    let least = deaths.iter().map(|(_, last, death)| death.since(*last)).min();
+    let (last, death) = (deaths.iter().map(|d| d.1).max(), deaths.iter().map(|d| d.2).max());
+    Ok(least.zip(death.zip(last)).map(|(least, (death, last))| (least, death.since(last))))
+}
+
 /// Runs the scenario `swarm` with one fault, and returns what went wrong.
 fn strike(fault: Fault, seed: u64) -> Result<String, String> {
-    let daemons = Daemons::start();
+    let (daemons, timeout) = fault.daemons();
     let identities = [daemons.identity(0), daemons.identity(1)];
     let (hosts, journal, out) =
         (daemons.path("hosts.toml"), daemons.path("run.journal"), daemons.path("report.json"));
     let (swarm, drawn) = (scenario("swarm.toml").display().to_string(), seed.to_string());
     let args = ["run", &swarm, "--hosts", &hosts, "--journal", &journal, "--json", &out, "--quiet"];
-    let args = [&args[..], &["--set", "stop.timeout=40s", "--seed", &drawn, "--patience", "1s"]].concat();
+    let args = [&args[..], &["--set", timeout, "--seed", &drawn, "--patience", "1s"]].concat();
     let mut child = command(&args).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let controller = parts_of(Path::new(&journal)).join("controller");
     wait_until("the run to begin", || {
@@ -116,6 +156,11 @@ fn strike(fault: Fault, seed: u64) -> Result<String, String> {
         let replayed = run(&["replay", &journal, "--quiet"]);
         if replayed.code != Some(0) {
             return Err(format!("{said}: the journal does not replay: {replayed:?}"));
+        }
+        match fenced_before(Path::new(&journal)) {
+            Err(why) => return Err(format!("{said}: {why}")),
+            Ok(Some((least, all))) => said += &format!(", fenced {least} before, all dead after {all}"),
+            Ok(None) => {}
         }
     }
     // The daemons that live end their shares by themselves.

@@ -1,6 +1,6 @@
 //! Costs of a swarm of processes. Not a test: it only prints.
 //!
-//! `cargo test --release --test ipc_measure -- --ignored --nocapture`
+//! `cargo test --release -p metamorph-tests ipc_measure:: -- --ignored --nocapture`
 
 #![allow(clippy::print_stdout, reason = "printing is its purpose")]
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
@@ -162,7 +162,7 @@ fn told_after(view: &View, commands: u64) {
     show("  a process is dead, and told to the page", deaths);
 }
 
-/// `cargo test --release --test ipc_measure -- --ignored --nocapture command_to_effect`
+/// `cargo test --release -p metamorph-tests command_to_effect -- --ignored --nocapture`
 #[test]
 #[ignore = "prints figures of this machine"]
 fn command_to_effect() {

@@ -125,14 +125,14 @@ fn compare(name: &str, seeds: std::ops::RangeInclusive<u64>) {
     assert!(distance <= most, "{name}: {distance} is more than {most}: {real:?} {simulated:?}");
 }
 
-/// `cargo test -p metamorph-tests --test ipc_metamodules -- --ignored --nocapture boxes_of_processes_and_simulated`
+/// `cargo test -p metamorph-tests boxes_of_processes_and_simulated -- --ignored --nocapture`
 #[test]
 #[ignore = "minutes: fifty runs of processes"]
 fn boxes_of_processes_and_simulated_are_alike() {
     compare("box.toml", 1..=50);
 }
 
-/// `cargo test -p metamorph-tests --test ipc_metamodules -- --ignored --nocapture chairs_of_processes_and_simulated`
+/// `cargo test -p metamorph-tests chairs_of_processes_and_simulated -- --ignored --nocapture`
 #[test]
 #[ignore = "minutes: fifty runs of processes"]
 fn chairs_of_processes_and_simulated_are_alike() {

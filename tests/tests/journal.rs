@@ -117,7 +117,7 @@ fn a_run_of_metamodule_processes_replays() {
     assert_same(&ran, &again(&journal));
 }
 
-/// `cargo test -p metamorph-tests --test journal -- --ignored --nocapture hundred`
+/// `cargo test -p metamorph-tests a_hundred_runs_of_processes -- --ignored --nocapture`
 #[test]
 #[ignore = "minutes: a hundred runs of 42 processes"]
 fn a_hundred_runs_of_processes_replay() {

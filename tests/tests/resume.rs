@@ -194,7 +194,7 @@ fn runs_that_cannot_be_resumed_are_refused() {
     assert!(replayed.code == Some(0) && replayed.out.contains("the run was not finished"), "{replayed:?}");
 }
 
-/// `cargo test -p metamorph-tests --test resume -- --ignored --nocapture fifty`
+/// `cargo test -p metamorph-tests resume::fifty -- --ignored --nocapture`
 #[test]
 #[ignore = "minutes: fifty runs of 42 processes"]
 fn fifty_swarms_are_built_although_their_controllers_are_killed() {

@@ -113,7 +113,7 @@ fn four_hundred_modules_build_under_all_faults() {
 }
 
 /// The published size of the experiment. Takes minutes:
-/// `cargo test --release -p metamorph-tests --test sim_growth -- --ignored --nocapture`
+/// `cargo test --release -p metamorph-tests sim_growth:: -- --ignored --nocapture`
 #[test]
 #[ignore = "takes minutes in a release build"]
 fn a_hundred_seeds_of_four_hundred_modules() {

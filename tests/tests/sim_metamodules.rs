@@ -201,8 +201,8 @@ fn earlier_runs_make_no_difference() {
 }
 
 /// A hundred thousand random starts:
-/// `cargo test --release -p metamorph-tests --test sim_metamodules -- --ignored --exact
-/// negotiated_builds_from_a_hundred_thousand_starts --nocapture`
+/// `cargo test --release -p metamorph-tests negotiated_builds_from_a_hundred_thousand_starts -- --ignored
+/// --nocapture`
 #[test]
 #[ignore = "minutes; run with --release --ignored"]
 fn negotiated_builds_from_a_hundred_thousand_starts() {
@@ -212,8 +212,8 @@ fn negotiated_builds_from_a_hundred_thousand_starts() {
 }
 
 /// Every variation with many seeds:
-/// `cargo test --release -p metamorph-tests --test sim_metamodules -- --ignored --exact
-/// negotiated_builds_whatever_breaks_from_many_starts --nocapture`
+/// `cargo test --release -p metamorph-tests negotiated_builds_whatever_breaks_from_many_starts --
+/// --ignored --nocapture`
 #[test]
 #[ignore = "minutes; run with --release --ignored"]
 fn negotiated_builds_whatever_breaks_from_many_starts() {

@@ -540,7 +540,7 @@ fn only_known_facts_are_shown() {
 }
 
 /// Prints the frame rate of a thousand modules, without a graphics card, and asserts nothing: `cargo test -p
-/// metamorph-tests --test view_page frame_rate -- --ignored --nocapture`
+/// metamorph-tests frame_rate -- --ignored --nocapture`
 #[test]
 #[ignore = "measures, and judges nothing"]
 fn frame_rate_of_a_thousand_modules() {

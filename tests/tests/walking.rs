@@ -217,7 +217,7 @@ fn wrong_scenarios_are_refused_with_a_fix() {
 
 /// Runs with equal seeds are equal in every process.
 ///
-/// `cargo test -p metamorph-tests --test walking -- --ignored --nocapture equal`
+/// `cargo test -p metamorph-tests twenty_runs_are_equal -- --ignored --nocapture`
 #[test]
 #[ignore = "minutes: twenty runs"]
 fn twenty_runs_are_equal() {

@@ -158,7 +158,7 @@ fn intervals_are_those_of_a_table() {
     assert!((low - 0.490).abs() < 1e-3 && (high - 0.943).abs() < 1e-3, "{low} {high}");
 }
 
-/// `METAMORPH_SEEDS=0..100 cargo test --release -p metamorph-tests --test walking_recovery -- --ignored --nocapture legs`
+/// `METAMORPH_SEEDS=0..100 cargo test --release -p metamorph-tests legs_are_done_without -- --ignored --nocapture`
 #[test]
 #[ignore = "an hour: four hundred runs, and as many of random search"]
 fn legs_are_done_without() {
@@ -172,7 +172,7 @@ fn legs_are_done_without() {
     assert!(all[0].share() >= 0.95);
 }
 
-/// `METAMORPH_SEEDS=0..100 cargo test --release -p metamorph-tests --test walking_recovery -- --ignored --nocapture the_body`
+/// `METAMORPH_SEEDS=0..100 cargo test --release -p metamorph-tests the_body_is_done_without -- --ignored --nocapture`
 #[test]
 #[ignore = "an hour: a hundred runs of each learner"]
 fn the_body_is_done_without() {

@@ -29,6 +29,6 @@ def test_the_notebook_gives_the_results_that_it_keeps() -> None:
     nbformat.validate(kept)
     expected = results(kept)
     assert len(expected) >= 4, "the notebook keeps no outputs"
-    client = nbclient.NotebookClient(kept, resources={"metadata": {"path": str(NOTEBOOKS)}}, timeout=300)
+    client = nbclient.NotebookClient(kept, resources={"metadata": {"path": str(NOTEBOOKS)}}, timeout=1800)
     client.execute()
     assert results(kept) == expected

@@ -15,7 +15,7 @@
 //! numbers. The controller, if there is one, certifies deaths and forwards reports about them; its orders take as
 //! long as messages and may be late, and are not lost. There are no later goals.
 
-use crate::controller::Controller;
+use super::controller::Controller;
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output};
 use metamorph_protocol::host::AgentHost;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};

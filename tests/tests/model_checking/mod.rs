@@ -1,8 +1,8 @@
 //! Small swarms of cubes, checked exhaustively within stated bounds: the real agents in the real world, and
 //! every run with a given number of faults. `model.rs` states what that covers.
 //!
-//! The quick tests take seconds; the larger ones are run with `cargo test -p metamorph-tests --test
-//! model_checking -- --ignored --nocapture`. Each prints the number of states visited.
+//! The quick tests take seconds; the larger ones are run with `cargo test -p metamorph-tests
+//! model_checking:: -- --ignored --nocapture`. Each prints the number of states visited.
 
 mod controller;
 mod model;
