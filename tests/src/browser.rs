@@ -90,13 +90,6 @@ impl Browser {
         self.try_call(method, parameters).unwrap_or_else(|error| panic!("{method}: {error}"))
     }
 
-    /// Calls methods one right after the other, without waiting for their answers in between.
-    pub fn calls<const N: usize>(&mut self, calls: [(&str, Value); N]) {
-        for number in calls.map(|(method, parameters)| self.send(method, parameters)) {
-            self.answer(number).unwrap_or_else(|error| panic!("{error}"));
-        }
-    }
-
     fn try_call(&mut self, method: &str, parameters: Value) -> Result<Value, Value> {
         let number = self.send(method, parameters);
         self.answer(number)
@@ -176,6 +169,41 @@ impl Browser {
         for kind in ["keyDown", "keyUp"] {
             let text = if kind == "keyDown" { text } else { "" };
             self.call("Input.dispatchKeyEvent", json!({ "type": kind, "key": key, "text": text }));
+        }
+    }
+
+    /// Waits until the browser has made so many pictures of the page.
+    pub fn frames(&mut self, count: u32) {
+        self.evaluate(&format!(
+            "new Promise((done) => {{ let left = {count}; \
+             const frame = () => (left-- ? requestAnimationFrame(frame) : done(true)); frame(); }})"
+        ));
+    }
+
+    /// Moves one finger or more over the page: `places` are those of each finger, one set after the other.
+    pub fn swipe<const FINGERS: usize>(&mut self, places: &[[(f64, f64); FINGERS]]) {
+        let method = "Input.dispatchTouchEvent";
+        for (i, fingers) in places.iter().enumerate() {
+            let points: Vec<Value> =
+                (0..).zip(fingers).map(|(id, (x, y))| json!({ "x": x, "y": y, "id": id })).collect();
+            let kind = if i == 0 { "touchStart" } else { "touchMove" };
+            self.call(method, json!({ "type": kind, "touchPoints": points }));
+        }
+        // Fingers rest before they are lifted: the picture would move on, and the next tap would only stop it.
+        self.frames(20);
+        self.call(method, json!({ "type": "touchEnd", "touchPoints": [] }));
+    }
+
+    /// Touches the page for a moment.
+    pub fn tap(&mut self, (x, y): (f64, f64)) {
+        // What is touched is looked up in the picture that was made last, which may be older than the page (crbug.com/764122).
+        self.frames(2);
+        // A touch that is long is no tap: its end does not wait for the answer to its start.
+        let method = "Input.dispatchTouchEvent";
+        let touches = [("touchStart", json!([{ "x": x, "y": y }])), ("touchEnd", json!([]))]
+            .map(|(kind, points)| self.send(method, json!({ "type": kind, "touchPoints": points })));
+        for touch in touches {
+            self.answer(touch).unwrap_or_else(|error| panic!("{method}: {error}"));
         }
     }
 

@@ -4,7 +4,7 @@
 
 use crate::browser::{Browser, find};
 use crate::view::View;
-use serde_json::{Value, json};
+use serde_json::json;
 
 /// Opens the studio in a browser; `None` where there is none. `size` is that of a touch screen.
 pub fn open(view: &View, size: Option<(u32, u32)>) -> Option<Browser> {
@@ -40,14 +40,6 @@ pub fn middle(browser: &mut Browser, selector: &str) -> (f64, f64) {
     );
     let place = browser.evaluate(&place);
     (place[0].as_f64().unwrap(), place[1].as_f64().unwrap())
-}
-
-/// Touches the screen for a moment, however slow the machine is: a long touch is no tap.
-pub fn tap(browser: &mut Browser, (x, y): (f64, f64)) {
-    let touch = |kind: &str, points: Value| {
-        ("Input.dispatchTouchEvent", json!({ "type": kind, "touchPoints": points }))
-    };
-    browser.calls([touch("touchStart", json!([{ "x": x, "y": y }])), touch("touchEnd", json!([]))]);
 }
 
 /// Presses Enter, as a keyboard does: a focused button is pressed by it.

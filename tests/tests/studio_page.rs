@@ -4,7 +4,7 @@
 #![allow(clippy::print_stdout, reason = "says why something is skipped, and what was measured")]
 
 use metamorph_tests::browser::Browser;
-use metamorph_tests::studio::{check_clean, drag, enter, middle, number, open, press_with_shift, tap};
+use metamorph_tests::studio::{check_clean, drag, enter, middle, number, open, press_with_shift};
 use metamorph_tests::view::View;
 use metamorph_world_controller::console::stopwatch::Stopwatch;
 use serde_json::json;
@@ -18,9 +18,6 @@ fn spot(browser: &mut Browser, at: [f64; 3]) -> (f64, f64) {
     (place["x"].as_f64().unwrap(), place["y"].as_f64().unwrap())
 }
 
-/// A promise that is kept after 20 frames.
-const REST: &str = "new Promise((done) => { \
-    let left = 20; const frame = () => left-- ? requestAnimationFrame(frame) : done(true); frame(); })";
 const CELLS: &str = "window.studio.structure.cells.size";
 
 /// Checks what the page shows of the run that has been started: processes have built it.
@@ -98,31 +95,22 @@ fn the_same_by_touch_on_a_small_screen() {
     let wide = number(&mut browser, "document.documentElement.scrollWidth");
     assert!(wide <= 375, "{wide} pixels");
     let chair = middle(&mut browser, ".card");
-    tap(&mut browser, chair);
+    browser.tap(chair);
     browser.until(&format!("{SETTLED} && {CELLS} === 16"));
     let face = spot(&mut browser, [0.0, 1.0, 2.5]);
-    tap(&mut browser, face);
+    browser.tap(face);
     browser.until(&format!("{SETTLED} && {CELLS} === 17 && window.studio.structure.has([0, 1, 3])"));
     // Two fingers turn the picture, and draw nothing.
     let before = browser.evaluate("window.studio.space.camera.position.toArray()");
-    let fingers = |kind: &str, x: f64| {
-        let points = json!([{ "x": 100.0 + x, "y": 200, "id": 1 }, { "x": 200.0 + x, "y": 240, "id": 2 }]);
-        json!({ "type": kind, "touchPoints": points })
-    };
-    browser.call("Input.dispatchTouchEvent", fingers("touchStart", 0.0));
-    for step in 1..6 {
-        browser.call("Input.dispatchTouchEvent", fingers("touchMove", f64::from(step) * 8.0));
-    }
-    // The fingers rest before they are lifted: after a swipe the browser takes the next tap as one that stops it.
-    browser.evaluate(REST);
-    browser.call("Input.dispatchTouchEvent", json!({ "type": "touchEnd", "touchPoints": [] }));
+    let fingers = |step: i32| [0.0, 100.0].map(|x| (100.0 + x + f64::from(step) * 8.0, 200.0 + x * 0.4));
+    browser.swipe(&[0, 1, 2, 3, 4, 5].map(fingers));
     assert_ne!(browser.evaluate("window.studio.space.camera.position.toArray()"), before);
     assert_eq!(number(&mut browser, CELLS), 17);
     let repair = middle(&mut browser, ".repair.first");
-    tap(&mut browser, repair);
+    browser.tap(repair);
     browser.until(&format!("{SETTLED} && window.studio.panel.answer.d === 0"));
     let start = middle(&mut browser, "#start");
-    tap(&mut browser, start);
+    browser.tap(start);
     check_built(&mut browser);
     println!("from the browser's start to `built`: {:.1} s", since.elapsed().as_secs_f64());
     check_clean(&mut browser, &view);
@@ -258,7 +246,7 @@ fn modules_are_pinned_and_the_pins_that_forbid_a_pairing_are_given_up() {
     browser.press("z");
     is(&mut browser, 1, 0);
     browser.press("f");
-    browser.evaluate(REST);
+    browser.frames(20);
     let above = spot(&mut browser, [6.0, 0.0, 1.5]);
     drag(&mut browser, above, above, "right");
     browser.until(&format!("{CELLS} === 4"));
@@ -356,7 +344,7 @@ fn click_to_redrawn() {
         for i in 0..60i32 {
             let (x, y) = (f64::from(i % 7 - 3), f64::from(i / 7 % 7 - 3));
             let at = spot(&mut browser, [x, y, height as f64 - 0.5]);
-            browser.evaluate(REST);
+            browser.frames(20);
             browser.click(at.0, at.1);
             browser.until(&format!("window.times.length === {} && {SETTLED}", i + 1));
             assert_eq!(number(&mut browser, CELLS), cells + i as u64 + 1, "click {i}");

@@ -4,7 +4,7 @@
 
 use metamorph_tests::browser::Browser;
 use metamorph_tests::command::{root, run};
-use metamorph_tests::studio::{check_clean, drag, enter, middle, number, open, press_with_shift, tap};
+use metamorph_tests::studio::{check_clean, drag, enter, middle, number, open, press_with_shift};
 use metamorph_tests::view::View;
 use serde_json::{Value, json};
 use std::fs;
@@ -180,16 +180,13 @@ fn a_piece_is_moved_by_touch_on_a_small_screen() {
     let Some(mut browser) = open(&view, Some((400, 760))) else { return };
     stands(&mut browser, "chair", [5, 5], 0);
     let (from, to) = (connector(&mut browser, 6, 7), connector(&mut browser, 8, 7));
-    let point = |kind: &str, (x, y): (f64, f64)| json!({ "type": kind, "touchPoints": [{ "x": x, "y": y }] });
-    browser.call("Input.dispatchTouchEvent", point("touchStart", from));
-    browser.call("Input.dispatchTouchEvent", point("touchMove", to));
-    browser.call("Input.dispatchTouchEvent", json!({ "type": "touchEnd", "touchPoints": [] }));
+    browser.swipe(&[[from], [to]]);
     stands(&mut browser, "chair", [7, 5], 0);
     let turn = middle(&mut browser, "#piece-turn");
-    tap(&mut browser, turn);
+    browser.tap(turn);
     stands(&mut browser, "chair", [7, 5], 1);
     let snap = middle(&mut browser, "#piece-snap");
-    tap(&mut browser, snap);
+    browser.tap(snap);
     browser.until(&format!("{SETTLED} && window.studio.room.room.violations.length === 0"));
     check_clean(&mut browser, &view);
 }

@@ -199,30 +199,23 @@ fn fingers_turn_zoom_and_choose() {
         return [b.left + b.width / 2, b.top + b.height / 2]; })()",
     );
     let (x, y) = (middle[0].as_f64().unwrap(), middle[1].as_f64().unwrap());
-    let mut touch = |kind: &str, points: &[(f64, f64)]| {
-        let points: Vec<Value> = points.iter().map(|(x, y)| json!({ "x": x, "y": y })).collect();
-        browser.call("Input.dispatchTouchEvent", json!({ "type": kind, "touchPoints": points }));
+    let look = |browser: &mut Browser| {
         browser.until("!window.page.dirty");
         let seen =
             browser.evaluate("[window.page.camera.azimuth, window.page.camera.distance, window.page.chosen]");
         (seen[0].as_f64().unwrap(), seen[1].as_f64().unwrap(), seen[2].as_u64())
     };
-    let before = touch("touchStart", &[(x, y)]);
-    touch("touchMove", &[(x + 30.0, y)]);
-    touch("touchMove", &[(x + 60.0, y)]);
-    let turned = touch("touchEnd", &[]);
+    let before = look(&mut browser);
+    browser.swipe(&[0.0, 30.0, 60.0].map(|by| [(x + by, y)]));
+    let turned = look(&mut browser);
     assert!((turned.0 - before.0).abs() > 0.1 && turned.2.is_none(), "{before:?} {turned:?}");
-    touch("touchStart", &[(x - 20.0, y), (x + 20.0, y)]);
-    touch("touchMove", &[(x - 50.0, y), (x + 50.0, y)]);
-    touch("touchMove", &[(x - 80.0, y), (x + 80.0, y)]);
-    let near = touch("touchEnd", &[]);
+    browser.swipe(&[20.0, 50.0, 80.0].map(|by| [(x - by, y), (x + by, y)]));
+    let near = look(&mut browser);
     assert!(near.1 < turned.1 * 0.7, "{turned:?} {near:?}");
     // A tap on a body that stands in the middle of the picture.
     browser.evaluate("{ const { camera, picture } = window.page; camera.moveTo(picture.poses.reduce((a, p) => (p[2] > a[2] ? p : a)).slice(0, 3)); }");
     settle(&mut browser);
-    for (kind, points) in [("touchStart", json!([{ "x": x, "y": y }])), ("touchEnd", json!([]))] {
-        browser.call("Input.dispatchTouchEvent", json!({ "type": kind, "touchPoints": points }));
-    }
+    browser.tap((x, y));
     browser.until("window.page.chosen !== null");
     check_clean(&mut browser, &view);
 }
