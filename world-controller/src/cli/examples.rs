@@ -287,6 +287,7 @@ Examples:
 What each measures:
   flood   a million simulated modules propagate hop counts from a corner: processor time and memory
   growth  a slab of 100 to 10,000 simulated modules becomes a ball: time, moves, messages, and how they grow
+  pyramid a pyramid is built from a plate below it, solid and with tunnels: the same numbers
   chairs  the thesis's chair with every strategy, on all processors: runs per second
   gait    structures of 4 to 10 modules walk: how fast they are simulated, messages, learners
   wire    round trips and throughput of 64 bytes between two processes, beside bare iceoryx2, a Unix

@@ -14,6 +14,12 @@
 use metamorph_protocol::lattice::Cell;
 use std::collections::BTreeSet;
 
+/// Returns the least number of moves of a cube from one cell to another.
+pub fn distance(a: Cell, b: Cell) -> u64 {
+    let away = [a.x.abs_diff(b.x), a.y.abs_diff(b.y), a.z.abs_diff(b.z)].map(u64::from);
+    away.into_iter().fold(0, u64::max).max(away.iter().sum::<u64>().div_ceil(2))
+}
+
 /// Returns the steps of a lattice with 18 neighbours; a step and its opposite are at `i` and `17 - i`.
 fn steps() -> Vec<[i32; 3]> {
     let all = (-1..=1).flat_map(|x| (-1..=1).flat_map(move |y| (-1..=1).map(move |z| [x, y, z])));
@@ -218,11 +224,6 @@ mod tests {
     use pathfinding::kuhn_munkres::kuhn_munkres_min;
     use pathfinding::matrix::Matrix;
 
-    fn distance(a: Cell, b: Cell) -> i64 {
-        let away = [a.x.abs_diff(b.x), a.y.abs_diff(b.y), a.z.abs_diff(b.z)].map(i64::from);
-        away.into_iter().max().unwrap_or(0).max((away.iter().sum::<i64>() + 1) / 2)
-    }
-
     /// The result equals that of the Hungarian algorithm, which is exact and knows nothing of lattices.
     #[test]
     fn it_is_the_cost_of_the_best_assignment() {
@@ -238,7 +239,7 @@ mod tests {
             };
             let cubes = 1 + seed % 30;
             let (start, goal) = (some(cubes, 9), some(1 + seed % 7 * cubes / 8, 6));
-            let costs = Matrix::from_fn(goal.len(), start.len(), |(g, s)| distance(goal[g], start[s]));
+            let costs = Matrix::from_fn(goal.len(), start.len(), |(g, s)| distance(goal[g], start[s]) as i64);
             assert_eq!(least_moves(&start, &goal), Some(kuhn_munkres_min(&costs).0 as u64), "seed {seed}");
             if goal.len() > 1 {
                 assert_eq!(least_moves(&goal[1..], &goal), None);

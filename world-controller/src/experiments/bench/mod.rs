@@ -1,10 +1,11 @@
 //! `metamorph bench`: measures what the two links cost, with bare mechanisms beside them in the same run, so
 //! that the ratios hold on any machine.
 //!
-//! `flood`, `growth`, `chairs` and `gait` measure the simulated link, `wire`, `swarm` and `churn` the process link;
+//! `flood`, `growth`, `pyramid`, `chairs` and `gait` measure the simulated link, `wire`, `swarm` and `churn` the process link;
 //! `part` is the other process of a measurement; `text` shows the results. Absent: any judgement. Nothing
 //! here fails because a machine is slow.
 
+mod bottleneck;
 mod busy;
 mod chairs;
 mod churn;
@@ -30,6 +31,7 @@ use crate::console::terminal::{Channel, Live};
 use crate::run::processes::ProcessError;
 use crate::swarm::{RunDirError, SwarmError};
 use clap::ValueEnum;
+use growth::Shape;
 use machine::Machine;
 use metamorph_module_agent::transport::TransportError;
 use metamorph_module_agent::transport::iceoryx::rendezvous::ChannelError;
@@ -48,6 +50,8 @@ pub enum Name {
     Flood,
     /// A slab becomes a ball, with 100 to 10,000 simulated modules
     Growth,
+    /// Pyramids are built upon plates, with 245 to 13,335 simulated modules
+    Pyramid,
     /// Runs of the thesis's chair per second, on all processors
     Chairs,
     /// Structures that walk: simulated time by processor time, messages, learners
@@ -138,6 +142,8 @@ pub struct Results {
     flood: Vec<flood::Row>,
     /// The rows, and how they grow.
     growth: Option<growth::Growth>,
+    /// The same for pyramids, upon solid and upon porous plates.
+    pyramid: Vec<growth::Growth>,
     /// A row for each strategy.
     chairs: Vec<chairs::Row>,
     /// A row for each structure that walks, and for each learner.
@@ -168,6 +174,7 @@ pub fn bench(request: &Request) -> Result<u8, BenchError> {
         machine: Machine::this(),
         flood: Vec::new(),
         growth: None,
+        pyramid: Vec::new(),
         chairs: Vec::new(),
         gait: None,
         wire: Vec::new(),
@@ -184,9 +191,16 @@ pub fn bench(request: &Request) -> Result<u8, BenchError> {
         channel.say(&text::flood(&results.flood, paint));
     }
     if wanted(Name::Growth) {
-        let growth = growth::measure(most, &mut live)?;
+        let growth = growth::measure(Shape::Ball, most, &mut live)?;
         channel.say(&text::growth(&growth, paint));
         results.growth = Some(growth);
+    }
+    if wanted(Name::Pyramid) {
+        for plate in [Shape::SolidPlate, Shape::PorousPlate] {
+            let pyramid = growth::measure(plate, most, &mut live)?;
+            channel.say(&text::growth(&pyramid, paint));
+            results.pyramid.push(pyramid);
+        }
     }
     if wanted(Name::Chairs) {
         results.chairs = chairs::measure(chairs::RUNS, &mut live)?;

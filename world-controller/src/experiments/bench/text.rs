@@ -6,7 +6,7 @@ use super::chairs;
 use super::churn::Churn;
 use super::flood;
 use super::gait;
-use super::growth::Growth;
+use super::growth::{Growth, Row, Shape};
 use super::machine::Machine;
 use super::swarm::Swarms;
 use super::wire;
@@ -58,19 +58,32 @@ pub fn flood(rows: &[flood::Row], paint: Paint) -> String {
     )
 }
 
-/// Formats slab to sphere.
+/// Formats the growth of one shape.
 pub fn growth(g: &Growth, paint: Paint) -> String {
     let mut table = Table::new(&["modules"]);
-    table.head(&["goal", "outcome", "violations", "makespan s", "moves", "at least", "times", "messages"]);
-    table.head(&["a module", "a move", "cpu s"]);
+    table.head(&[
+        "goal",
+        "layers",
+        "outcome",
+        "violations",
+        "makespan s",
+        "at least s",
+        "box",
+        "moves",
+        "at least",
+    ]);
+    table.head(&["times", "messages", "a module", "a move", "cpu s"]);
     for r in &g.rows {
         table.row(
             &[count(r.modules)],
             vec![
                 count(r.goal),
+                count(r.layers),
                 r.outcome.clone(),
                 count(r.violations),
                 number(r.makespan_s),
+                count(r.least_makespan_s),
+                count(r.box_sides),
                 count(r.moves),
                 count(r.least_moves),
                 number(r.times_least),
@@ -81,12 +94,20 @@ pub fn growth(g: &Growth, paint: Paint) -> String {
             ],
         );
     }
+    let (name, about) = match g.shape {
+        Shape::Ball => ("growth", "A slab becomes a ball; N counts modules"),
+        Shape::SolidPlate => {
+            ("pyramid, solid plate", "A pyramid is built from the plate below it; N counts goal cells")
+        }
+        Shape::PorousPlate => ("pyramid, porous plate", "The same from a plate with tunnels"),
+    };
     // Between the two largest sizes: small sizes do not show the asymptotic growth.
-    let lately = |f: fn(&super::growth::Row) -> f64| match g.rows.as_slice() {
-        [.., a, b] => (f(b) / f(a)).ln() / (b.modules as f64 / a.modules as f64).ln(),
+    let size = |r: &Row| g.shape.size(r) as f64;
+    let lately = |f: fn(&Row) -> f64| match g.rows.as_slice() {
+        [.., a, b] => (f(b) / f(a)).ln() / (size(b) / size(a)).ln(),
         _ => 0.0,
     };
-    let grows = |what: &str, fit: Option<Fit>, of: fn(&super::growth::Row) -> f64| match fit {
+    let grows = |what: &str, fit: Option<Fit>, of: fn(&Row) -> f64| match fit {
         Some(f) => format!(
             "  {what} grow as N^{:.2} (R² {:.3}), in the end N^{:.2}\n",
             f.exponent,
@@ -96,8 +117,8 @@ pub fn growth(g: &Growth, paint: Paint) -> String {
         None => String::new(),
     };
     format!(
-        "{}\nA slab becomes a ball; simulated, all invariants checked; a move takes 1 s. `at least` is a lower bound for\nevery protocol: the best assignment of cubes to goal cells, each by its shortest path.\n{}  fits over these sizes, which bound nothing (in the end: between the two largest)\n{}{}{}{}",
-        paint.strong("growth"),
+        "{}\n{about}; simulated, all invariants checked; a move takes 1 s. `at least` are lower bounds for\nevery protocol: the best assignments of cubes to goal cells, each by its shortest path. `box`: the sum of the sides of\nthe box around start and goal.\n{}  fits over these sizes, which bound nothing (in the end: between the two largest)\n{}{}{}{}",
+        paint.strong(name),
         table.text(paint),
         grows("seconds", g.makespan, |r| r.makespan_s),
         grows("moves", g.moves, |r| r.moves as f64),
