@@ -109,7 +109,7 @@ pub fn growth(g: &Growth, paint: Paint) -> String {
     };
     let grows = |what: &str, fit: Option<Fit>, of: fn(&Row) -> f64| match fit {
         Some(f) => format!(
-            "  {what} grow as N^{:.2} (R² {:.3}), in the end N^{:.2}\n",
+            "  {what} as N^{:.2} (R² {:.3}), in the end N^{:.2}\n",
             f.exponent,
             f.r_squared,
             lately(of)
@@ -120,10 +120,10 @@ pub fn growth(g: &Growth, paint: Paint) -> String {
         "{}\n{about}; simulated, all invariants checked; a move takes 1 s. `at least` are lower bounds for\nevery protocol: the best assignments of cubes to goal cells, each by its shortest path. `box`: the sum of the sides of\nthe box around start and goal.\n{}  fits over these sizes, which bound nothing (in the end: between the two largest)\n{}{}{}{}",
         paint.strong(name),
         table.text(paint),
-        grows("seconds", g.makespan, |r| r.makespan_s),
-        grows("moves", g.moves, |r| r.moves as f64),
-        grows("the lower bound of moves", g.least_moves, |r| r.least_moves as f64),
-        grows("messages", g.messages, |r| r.messages as f64)
+        grows("seconds grow", g.makespan, |r| r.makespan_s),
+        grows("moves grow", g.moves, |r| r.moves as f64),
+        grows("the lower bound of moves grows", g.least_moves, |r| r.least_moves as f64),
+        grows("messages grow", g.messages, |r| r.messages as f64)
     )
 }
 
