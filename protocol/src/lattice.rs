@@ -128,8 +128,14 @@ impl Face {
         }
     }
     /// Returns the index of `self` in `of.perpendicular()`, if the two are at right angles.
-    pub fn slot_in(self, of: Face) -> Option<usize> {
-        of.perpendicular().iter().position(|f| *f == self)
+    pub const fn slot_in(self, of: Face) -> Option<usize> {
+        let (index, of) = (self.index(), of.index());
+        // Of six in a row, the two of one axis are left out.
+        if index / 2 == of / 2 { None } else { Some(if index > of { index - 2 } else { index }) }
+    }
+    /// Iterates over the faces of a mask of [`Face::bit`], in the order of their numbers.
+    pub const fn in_mask(mask: u8) -> Faces {
+        Faces(mask & 0b11_1111)
     }
     /// Returns the unit step in this direction.
     pub const fn offset(self) -> Cell {
@@ -145,6 +151,23 @@ impl Face {
     /// Returns this face as one bit of a mask.
     pub const fn bit(self) -> u8 {
         1 << self as u8
+    }
+}
+
+/// The faces of a mask, in the order of their numbers.
+#[derive(Clone, Debug)]
+pub struct Faces(u8);
+
+impl Iterator for Faces {
+    type Item = Face;
+
+    fn next(&mut self) -> Option<Face> {
+        if self.0 == 0 {
+            return None;
+        }
+        let face = Face::ALL[self.0.trailing_zeros() as usize];
+        self.0 &= self.0 - 1;
+        Some(face)
     }
 }
 
@@ -206,7 +229,9 @@ mod tests {
                 assert_eq!(p.slot_in(f), Some(i));
             }
             assert_eq!(f.slot_in(f), None);
+            assert_eq!(Face::in_mask(f.bit()).collect::<Vec<_>>(), [f]);
         }
+        assert!(Face::in_mask(u8::MAX).eq(Face::ALL) && Face::in_mask(0b110).eq([Face::West, Face::North]));
         assert_eq!(Face::from_index(6), None);
     }
 

@@ -295,7 +295,11 @@ impl Attraction {
         if v.own.role != Role::Final || v.own.masks.cells == 0 {
             return [None; 6];
         }
-        Face::ALL.map(|f| self.target(v, f))
+        let mut targets = [None; 6];
+        for face in Face::in_mask(v.own.masks.cells) {
+            targets[face.index()] = self.target(v, face);
+        }
+        targets
     }
 
     fn tend_face(&mut self, v: View<'_>, face: Face) -> bool {
@@ -327,7 +331,7 @@ impl Attraction {
     /// Returns true if some face with a target does not announce that target's distance in the present version.
     fn are_old(&self, v: View<'_>, targets: &[Option<u16>; 6]) -> bool {
         let version = version(v);
-        Face::ALL.into_iter().filter(|f| !v.sides.is_touching(*f)).any(|f| {
+        Face::in_mask(v.own.masks.cells & !v.sides.touching_mask()).any(|f| {
             let value = self.value(f);
             targets[f.index()].is_some_and(|distance| (value.distance, value.version) != (distance, version))
         })
@@ -335,10 +339,9 @@ impl Attraction {
 
     /// Notes since when goal cells around a finalized module have been unfilled.
     fn note_unfilled(&mut self, v: View<'_>) {
-        for face in Face::ALL {
-            let unfilled = v.own.masks.cells & face.bit() != 0
-                && v.peer(face).is_none_or(|b| b.role != Role::Final)
-                && !v.sides.is_certified_dead(face);
+        for face in Face::in_mask(v.own.masks.cells) {
+            let unfilled =
+                v.peer(face).is_none_or(|b| b.role != Role::Final) && !v.sides.is_certified_dead(face);
             let since = &mut self.unfilled_since[face.index()];
             *since = if unfilled { since.or(Some(v.now)) } else { None };
         }
@@ -417,7 +420,7 @@ fn mask_of(targets: &[Option<u16>; 6]) -> u8 {
 /// module that touches both that neighbour and this module reports.
 fn lower_are_filled(v: View<'_>, face: Face) -> bool {
     let lower = v.own.masks.lower[face.index()];
-    Face::ALL.into_iter().filter(|toward| lower & toward.bit() != 0).all(|toward| {
+    Face::in_mask(lower).all(|toward| {
         if toward == face.opposite() || toward == face || v.own.masks.cells & toward.bit() == 0 {
             // The cell itself, opposite fronts, or no module in between: nothing is known.
             return true;
@@ -435,7 +438,7 @@ fn starters_are_dead(v: View<'_>, face: Face) -> bool {
         let aside = toward != face && toward != face.opposite();
         aside && v.support(toward).is_some_and(|b| b.filled & !b.finals & face.bit() != 0)
     };
-    lower != 0 && Face::ALL.into_iter().all(|toward| lower & toward.bit() == 0 || is_dead(toward))
+    lower != 0 && Face::in_mask(lower).all(is_dead)
 }
 
 /// Returns the version of the module's own targets: the number of refresh periods since time zero. The phase depends on

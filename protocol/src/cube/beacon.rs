@@ -141,9 +141,9 @@ impl Cube {
     pub(super) fn tend_beacons(&mut self, now: Time) {
         let (advertise, heartbeat) = (self.own.params().advertise, self.own.params().heartbeat);
         let (mut timed, mut common) = (None, None);
-        for face in Face::ALL {
+        for face in Face::in_mask(self.sides.touching_mask()) {
             let sender = &self.beacons.senders[face.index()];
-            if !self.sides.is_touching(face) || now < sender.due_at(advertise, heartbeat) {
+            if now < sender.due_at(advertise, heartbeat) {
                 continue;
             }
             let timed = *timed.get_or_insert_with(|| self.timed(now));
@@ -257,8 +257,7 @@ impl Cube {
     /// those that they made finalized, and so on.
     pub(super) fn subtree(&self, now: Time) -> u32 {
         let v = self.view(now);
-        let below: u32 = Face::ALL
-            .into_iter()
+        let below: u32 = Face::in_mask(self.sides.live_mask())
             .filter(|f| Some(*f) != self.own.activator)
             .filter_map(|f| v.live(f))
             .filter(|b| v.is_final(b) && b.supported_here)
@@ -270,12 +269,8 @@ impl Cube {
     /// Returns when the next beacon is due.
     pub(super) fn beacons_due(&self) -> Time {
         let p = self.own.params();
-        let touching = Face::ALL.into_iter().filter(|f| self.sides.is_touching(*f));
-        let due = touching.map(|f| {
-            let sender = &self.beacons.senders[f.index()];
-            let again = if sender.stale { p.advertise } else { p.heartbeat };
-            (sender.sent_at + again).min(sender.later.unwrap_or(Time::NEVER))
-        });
+        let touching = Face::in_mask(self.sides.touching_mask());
+        let due = touching.map(|f| self.beacons.senders[f.index()].due_at(p.advertise, p.heartbeat));
         due.min().unwrap_or(Time::NEVER)
     }
 }

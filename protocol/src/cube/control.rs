@@ -247,7 +247,7 @@ impl Wire for Status {
         if held >= 64 {
             return Err(WireError::Field("custody"));
         }
-        for face in Face::ALL.into_iter().filter(|f| held & f.bit() != 0) {
+        for face in Face::in_mask(held) {
             let died = from.time()?;
             if died == Time::ZERO {
                 return Err(WireError::Field("died"));

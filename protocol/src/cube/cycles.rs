@@ -58,8 +58,7 @@ impl SearchState {
     }
     /// Returns true if all neighbours belong to one part.
     fn is_whole(&self) -> bool {
-        let mut parts =
-            Face::ALL.into_iter().filter(|f| self.nodes & f.bit() != 0).map(|f| self.part[f.index()]);
+        let mut parts = Face::in_mask(self.nodes).map(|f| self.part[f.index()]);
         let first = parts.next();
         parts.all(|part| Some(part) == first)
     }
@@ -77,7 +76,7 @@ impl Cube {
                 || (v.has(Defect::RootOfOldGoal) && was_final(f))
                 || v.has(Defect::IgnoreDead)
         };
-        for face in Face::ALL.into_iter().filter(|f| v.sides.is_certified_dead(*f) && !is_rooted(*f)) {
+        for face in Face::in_mask(v.sides.certified_mask()).filter(|f| !is_rooted(*f)) {
             state.nodes |= face.bit();
             state.dead |= face.bit();
         }
@@ -149,7 +148,7 @@ impl Cube {
         let from = if dead != 0 { live } else { state.lost(live) };
         let p = self.own.params();
         attempt.timeout = now + p.usual_delay * (2 * (u64::from(ttl) + 2)) + p.tick() * 8;
-        for face in Face::ALL.into_iter().filter(|f| from & f.bit() != 0) {
+        for face in Face::in_mask(from) {
             let id = RequestId { origin, token, number: depth * 8 + face as u8 };
             if let Some(route) = Route::new(&[face]) {
                 let message = Message::Search { id, ttl, dead, route };
@@ -208,7 +207,7 @@ impl Cube {
             .find(|f| *f != from && self.sides.peer(*f).is_some_and(|b| b.id == id.origin));
         let beside = self.dead_beside(route) & dead;
         let mut reached: Vec<Reached> = Vec::new();
-        reached.extend(Face::ALL.into_iter().filter(|f| beside & f.bit() != 0).map(Reached::Dead));
+        reached.extend(Face::in_mask(beside).map(Reached::Dead));
         let is_answered = touches_root || touches_origin.is_some();
         reached.extend(if touches_root {
             Some(Reached::Root)
@@ -237,7 +236,7 @@ impl Cube {
     /// certified dead.
     fn dead_beside(&self, route: Route) -> u8 {
         let own = route.faces().fold(Cell::default(), |at, f| at.step(f));
-        let certified = Face::ALL.into_iter().filter(|f| self.sides.is_certified_dead(*f));
+        let certified = Face::in_mask(self.sides.certified_mask());
         let faces = certified.filter_map(|f| Cell::default().face_to(own.step(f)));
         faces.fold(0, |mask, f| mask | f.bit())
     }

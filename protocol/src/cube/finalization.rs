@@ -35,7 +35,7 @@ impl Cube {
         }
         let v = self.view(now);
         let wanted_by = |f: &Face| v.live(*f).is_some_and(|b| b.wants_you && v.is_final(b));
-        if let Some(face) = Face::ALL.into_iter().find(wanted_by) {
+        if let Some(face) = Face::in_mask(v.sides.live_mask()).find(wanted_by) {
             self.abort_attempt(now, None);
             self.become_final(Some(face));
         }
@@ -57,9 +57,9 @@ impl Cube {
         let is_filled = |f: Face| v.sides.is_certified_dead(f) || v.live(f).is_some_and(|b| v.is_final(b));
         let may_grow = out_of_turn
             || self.own.grows_as() == Growth::Scaffold
-            || Face::ALL.into_iter().all(|f| masks.own_lower & f.bit() == 0 || is_filled(f));
+            || Face::in_mask(masks.own_lower).all(is_filled);
         let is_fixed = |f: Face| v.died_finalized(f) || self.forest.custody().is_fixed(f);
-        may_grow && Face::ALL.into_iter().any(|f| dead & f.bit() != 0 && is_fixed(f))
+        may_grow && Face::in_mask(dead).any(is_fixed)
     }
 
     pub(super) fn become_final(&mut self, activator: Option<Face>) {

@@ -144,8 +144,7 @@ fn slots_that_differ(face: Face, before: &Beacon, after: &Beacon) -> u8 {
 
 /// Returns the faces at right angles to any face of a mask.
 fn beside_any(faces: u8) -> u8 {
-    let among = Face::ALL.into_iter().filter(|f| faces & f.bit() != 0);
-    among.fold(0, |mask, f| mask | attraction::beside(f))
+    Face::in_mask(faces).fold(0, |mask, f| mask | attraction::beside(f))
 }
 
 /// An event that an agent waits for.
@@ -520,7 +519,8 @@ impl Cube {
         }
         self.wanted = tended.wanted;
         let is_final = |f: &Face| v.support(*f).is_some_and(|b| v.is_final(b));
-        self.finals = Face::ALL.into_iter().filter(is_final).fold(0, |mask, f| mask | f.bit());
+        self.finals =
+            Face::in_mask(v.sides.support_mask()).filter(is_final).fold(0, |mask, f| mask | f.bit());
         self.filled = self.finals | (v.sides.certified_mask() & v.own.masks.cells);
         self.tend_attempt(now);
         if now >= self.planner.decide_at {

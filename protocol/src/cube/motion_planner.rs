@@ -193,7 +193,7 @@ impl MotionPlanner {
     /// Returns true if a module in reserve waits for an outer neighbour to leave first.
     fn waits_for_outer(&self, v: View<'_>, label: u16) -> bool {
         let outer = |b: &Beacon| b.role == Role::Reserve && b.rank.label > label;
-        let has_outer = Face::ALL.into_iter().any(|f| v.support(f).is_some_and(outer));
+        let has_outer = Face::in_mask(v.sides.support_mask()).any(|f| v.support(f).is_some_and(outer));
         let deferrals = match v.own.connectivity() {
             // A module that leaves from the middle leaves a mesh of loops too long for any search.
             Connectivity::Cycles => OUTERMOST_FIRST_IN_CYCLES,
@@ -284,7 +284,7 @@ impl Courses {
     /// Evaluates the motions over every live support; those that lead to no known target only if `all` are asked for.
     fn around(v: View<'_>, all: bool) -> Courses {
         let mut courses = Courses::default();
-        for support in Face::ALL {
+        for support in Face::in_mask(v.sides.support_mask()) {
             let Some(b) = v.support(support) else { continue };
             for (slot, heading) in support.perpendicular().into_iter().enumerate() {
                 courses.add(v, all, (b, slot), support, heading);

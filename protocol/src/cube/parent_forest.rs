@@ -244,7 +244,7 @@ impl ParentForest {
     /// Returns true if the module touches one other only, and that one does not hang on it. It connects no others, so it
     /// may leave although it has no place in the forest, as behind dead modules.
     pub fn is_end(&self, v: View<'_>) -> bool {
-        let mut touched = Face::ALL.into_iter().filter(|f| v.sides.is_touching(*f));
+        let mut touched = Face::in_mask(v.sides.touching_mask());
         let only = touched.next().filter(|_| touched.next().is_none());
         v.own.connectivity() == Connectivity::Forest
             && only.is_some_and(|f| {
@@ -297,6 +297,9 @@ impl ParentForest {
     /// Returns the face of a dead neighbour that was finalized or is held by a finalized module, preferably the parent.
     /// Such a neighbour stays connected with the finalized modules for good.
     fn dead_root(&self, v: View<'_>) -> Option<Face> {
+        if v.sides.certified_mask() == 0 && self.custody.is_empty() {
+            return None;
+        }
         let is_root = |f: &Face| {
             v.died_finalized(*f)
                 || self.custody.is_fixed(*f)
@@ -378,7 +381,7 @@ impl ParentForest {
     /// Returns the latest time of confirmation that is asked for by a neighbour other than `except`, or needed for the
     /// custody of a dead neighbour.
     fn asked(&self, v: View<'_>, except: Option<Face>) -> Time {
-        let others = Face::ALL.into_iter().filter(|f| Some(*f) != except);
+        let others = Face::in_mask(v.sides.heard_mask()).filter(|f| Some(*f) != except);
         let renew = others.filter_map(|f| v.peer(f)).filter(|b| b.epoch == v.own.epoch).map(|b| b.renew);
         renew.max().unwrap_or(Time::ZERO).max(self.custody_needs(v))
     }
@@ -428,7 +431,7 @@ impl ParentForest {
     fn look_for_parent(&mut self, v: View<'_>, tokens: &mut Tokens) {
         let needs_parent = self.needs_parent(v);
         let (mut best, mut is_refused) = (None, false);
-        for face in Face::ALL {
+        for face in Face::in_mask(v.sides.support_mask()) {
             let Some(b) = v.support(face) else { continue };
             let usable = b.attached
                 && b.epoch == v.own.epoch
@@ -464,8 +467,7 @@ impl ParentForest {
         if v.own.role == Role::Final {
             return Effect::None;
         }
-        let least = Face::ALL
-            .into_iter()
+        let least = Face::in_mask(v.sides.support_mask())
             .filter_map(|f| v.support(f))
             .filter(|b| b.epoch == v.own.epoch && b.attached)
             .map(|b| b.rank.label)
@@ -485,7 +487,7 @@ impl ParentForest {
     /// label.
     fn gradient_claim(&self, v: View<'_>, face: Face) -> Claim {
         let lower = |f: Face| v.support(f).is_some_and(|b| b.attached && b.rank.label < self.rank.label);
-        let others = Face::ALL.into_iter().any(|f| f != face && lower(f));
+        let others = Face::in_mask(v.sides.support_mask()).any(|f| f != face && lower(f));
         if lower(face) && !others { Claim::Parent(PARENT_TOKEN) } else { Claim::None }
     }
 
@@ -540,9 +542,7 @@ impl ParentForest {
         let gone = v.sides.gone();
         // A dead finalized neighbour would have to say whether this one was finalized.
         let holds = |f: Face| v.may_be_final() || self.held_by(v, f).is_some();
-        v.own.role == Role::Reserve
-            && gone != 0
-            && Face::ALL.into_iter().any(|f| gone & f.bit() != 0 && holds(f))
+        v.own.role == Role::Reserve && Face::in_mask(gone).any(holds)
     }
 }
 

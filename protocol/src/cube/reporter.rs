@@ -61,6 +61,8 @@ impl Cube {
 
     pub(super) fn is_attracted(&self, now: Time) -> bool {
         let v = self.view(now);
-        Face::ALL.into_iter().filter_map(|f| v.support(f)).any(|b| b.field.iter().any(|e| e.is_known()))
+        Face::in_mask(v.sides.support_mask())
+            .filter_map(|f| v.support(f))
+            .any(|b| b.field.iter().any(|e| e.is_known()))
     }
 }

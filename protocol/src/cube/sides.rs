@@ -95,6 +95,10 @@ impl Sides {
     pub fn support(&self, face: Face) -> Option<&Beacon> {
         self.among(self.masks.supports, face)
     }
+    /// Returns the faces with a contact.
+    pub fn touching_mask(&self) -> u8 {
+        self.masks.touching
+    }
     /// Returns the faces with a live neighbour that can carry a walker.
     pub fn support_mask(&self) -> u8 {
         self.masks.supports
@@ -192,8 +196,7 @@ impl Sides {
     }
 
     fn watch(&mut self, suspect: Span) {
-        let live = Face::ALL.into_iter().filter(|f| self.masks.live & f.bit() != 0);
-        let first = live.map(|f| self.heard_at[f.index()]).min();
+        let first = Face::in_mask(self.masks.live).map(|f| self.heard_at[f.index()]).min();
         self.silent_at = first.map_or(Time::NEVER, |at| at + suspect + Span(1));
     }
 

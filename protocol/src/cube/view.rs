@@ -205,8 +205,7 @@ impl<'a> View<'a> {
         if self.own.masks.seed {
             return 0;
         }
-        let touched = Face::ALL.into_iter().filter(|f| self.sides.session(*f).is_some());
-        let nearest = touched.map(|f| self.peer(f).map_or(0, hops)).min();
+        let nearest = Face::in_mask(self.sides.touching_mask()).map(|f| self.peer(f).map_or(0, hops)).min();
         nearest.map_or(Beacon::NO_FINAL, |n| n.saturating_add(1))
     }
     /// Returns true if this module may have been finalized in an earlier incarnation, so that finalized ones

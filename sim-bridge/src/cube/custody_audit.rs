@@ -34,7 +34,7 @@ impl CubeWorld {
         if cube.cell() != self.cell(id) {
             return;
         }
-        for face in Face::ALL.into_iter().filter(|f| cube.certified_faces() & f.bit() != 0) {
+        for face in Face::in_mask(cube.certified_faces()) {
             let Some(dead) = self.neighbour(id, face).filter(|d| agents.get(*d).is_none()) else { continue };
             let Some(last) = agents.last(dead) else { continue };
             // An agent that has not heard of this contact yet speaks of an earlier death.

@@ -87,13 +87,13 @@ impl FaceField {
         let mut best: Option<(u16, Offer)> = None;
         for offer in offers {
             let distance = offer.entry.distance.saturating_add(offer.cost);
-            if !offer.entry.is_known() || distance > limits.range || !self.feasible(now, limits, offer) {
+            if !offer.entry.is_known() || distance > limits.range {
                 continue;
             }
             let better = best.is_none_or(|(least, b)| {
                 distance < least || (distance == least && newer(offer.entry.version, b.entry.version))
             });
-            if better {
+            if better && self.feasible(now, limits, offer) {
                 best = Some((distance, *offer));
             }
         }
