@@ -133,6 +133,10 @@ impl Face {
         // Of six in a row, the two of one axis are left out.
         if index / 2 == of / 2 { None } else { Some(if index > of { index - 2 } else { index }) }
     }
+    /// Returns faces as a mask, a bit for each.
+    pub fn mask(faces: impl IntoIterator<Item = Face>) -> u8 {
+        faces.into_iter().fold(0, |mask, face| mask | face.bit())
+    }
     /// Iterates over the faces of a mask of [`Face::bit`], in the order of their numbers.
     pub const fn in_mask(mask: u8) -> Faces {
         Faces(mask & 0b11_1111)
@@ -232,6 +236,7 @@ mod tests {
             assert_eq!(Face::in_mask(f.bit()).collect::<Vec<_>>(), [f]);
         }
         assert!(Face::in_mask(u8::MAX).eq(Face::ALL) && Face::in_mask(0b110).eq([Face::West, Face::North]));
+        assert_eq!(Face::mask([Face::North, Face::West]), 0b110);
         assert_eq!(Face::from_index(6), None);
     }
 

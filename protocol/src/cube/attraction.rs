@@ -267,7 +267,7 @@ impl Attraction {
             return ALL_FACES;
         }
         let is_full = |f: &Face| self.faces[f.index()].records.len() == MAX_RECORDS;
-        Face::ALL.into_iter().filter(is_full).fold(0, |mask, f| mask | f.bit())
+        Face::mask(Face::ALL.into_iter().filter(is_full))
     }
 
     /// Recomputes all faces in all rounds.
@@ -413,7 +413,7 @@ impl Attraction {
 
 /// Returns the faces with a target.
 fn mask_of(targets: &[Option<u16>; 6]) -> u8 {
-    Face::ALL.into_iter().filter(|f| targets[f.index()].is_some()).fold(0, |mask, f| mask | f.bit())
+    Face::mask(Face::ALL.into_iter().filter(|f| targets[f.index()].is_some()))
 }
 
 /// Returns true if rule G2 holds for the cell outside a face: each of its lower neighbours is filled, as far as the

@@ -222,7 +222,7 @@ impl Wire for Status {
             out.u32(id.map_or(NO_MODULE, |id| id.0));
         }
         let held = Face::ALL.into_iter().filter(|f| self.custody[f.index()] != Time::ZERO);
-        out.u8(held.clone().fold(0, |mask, f| mask | f.bit()));
+        out.u8(Face::mask(held.clone()));
         held.for_each(|f| out.time(self.custody[f.index()]));
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Status, WireError> {

@@ -54,7 +54,7 @@ impl SearchState {
     /// Returns the faces among `of` whose neighbour is not known to be connected with the finalized modules.
     fn lost(&self, of: u8) -> u8 {
         let is_lost = |f: &Face| of & f.bit() != 0 && self.part[f.index()] != self.part[ROOT];
-        Face::ALL.into_iter().filter(is_lost).fold(0, |mask, f| mask | f.bit())
+        Face::mask(Face::ALL.into_iter().filter(is_lost))
     }
     /// Returns true if all neighbours belong to one part.
     fn is_whole(&self) -> bool {
@@ -238,7 +238,7 @@ impl Cube {
         let own = route.faces().fold(Cell::default(), |at, f| at.step(f));
         let certified = Face::in_mask(self.sides.certified_mask());
         let faces = certified.filter_map(|f| Cell::default().face_to(own.step(f)));
-        faces.fold(0, |mask, f| mask | f.bit())
+        Face::mask(faces)
     }
 
     pub(super) fn on_found(

@@ -139,7 +139,7 @@ enum News {
 /// Returns the faces outside which the distances of two beacons of a neighbour differ.
 fn slots_that_differ(face: Face, before: &Beacon, after: &Beacon) -> u8 {
     let slots = before.field.iter().zip(&after.field).zip(face.perpendicular());
-    slots.filter(|((b, a), _)| b != a).fold(0, |mask, (_, f)| mask | f.bit())
+    Face::mask(slots.filter(|((b, a), _)| b != a).map(|(_, f)| f))
 }
 
 /// Returns the faces at right angles to any face of a mask.
@@ -519,8 +519,7 @@ impl Cube {
         }
         self.wanted = tended.wanted;
         let is_final = |f: &Face| v.support(*f).is_some_and(|b| v.is_final(b));
-        self.finals =
-            Face::in_mask(v.sides.support_mask()).filter(is_final).fold(0, |mask, f| mask | f.bit());
+        self.finals = Face::mask(Face::in_mask(v.sides.support_mask()).filter(is_final));
         self.filled = self.finals | (v.sides.certified_mask() & v.own.masks.cells);
         self.tend_attempt(now);
         if now >= self.planner.decide_at {

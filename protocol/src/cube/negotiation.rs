@@ -270,7 +270,7 @@ impl Cube {
     /// cell outside `face` of this one.
     fn co_owners(&self, face: Face) -> u8 {
         let touches = |u: &Face| self.sides.support(*u).is_some_and(|b| b.supports & face.bit() != 0);
-        face.perpendicular().into_iter().filter(touches).fold(0, |mask, u| mask | u.bit())
+        Face::mask(face.perpendicular().into_iter().filter(touches))
     }
 
     #[allow(clippy::too_many_arguments, reason = "the fields of the message")]

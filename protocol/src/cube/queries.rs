@@ -51,7 +51,7 @@ impl Cube {
     }
     /// Returns the faces with registered children.
     pub fn child_faces(&self) -> u8 {
-        Face::ALL.into_iter().filter(|f| self.has_child(*f)).fold(0, |mask, f| mask | f.bit())
+        Face::mask(Face::ALL.into_iter().filter(|f| self.has_child(*f)))
     }
     /// Returns the number of locks that the module has granted.
     pub fn granted(&self) -> usize {

@@ -58,7 +58,7 @@ impl GoalMasks {
         let mut masks =
             GoalMasks { own: goal.contains(cell), seed: cell == goal.seed(), ..GoalMasks::default() };
         if masks.own {
-            masks.own_lower = goal.lower_neighbours(cell).fold(0, |mask, toward| mask | toward.bit());
+            masks.own_lower = Face::mask(goal.lower_neighbours(cell));
         }
         for face in Face::ALL {
             let outside = cell.step(face);
@@ -66,8 +66,7 @@ impl GoalMasks {
                 masks.cells |= face.bit();
                 masks.starters |= if goal.may_start(outside, face.opposite()) { face.bit() } else { 0 };
                 masks.next |= if goal.may_start(cell, face) { face.bit() } else { 0 };
-                masks.lower[face.index()] =
-                    goal.lower_neighbours(outside).fold(0, |mask, toward| mask | toward.bit());
+                masks.lower[face.index()] = Face::mask(goal.lower_neighbours(outside));
             }
         }
         masks
