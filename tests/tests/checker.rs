@@ -352,12 +352,15 @@ fn damaged_files_are_not_checked() {
     let journal = Journal::of("swarm.toml");
     journal.rule(&journal.records);
     let bytes = std::fs::read(journal.path()).unwrap();
+    let refused = |damaged: &[u8]| {
+        std::fs::write(journal.path(), damaged).unwrap();
+        check(&journal.path(), None).is_err_and(|breach| breach.rule == Rule::Readable)
+    };
     for at in [0, 8, 20, bytes.len() / 2, bytes.len() - 1] {
         let mut changed = bytes.clone();
         changed[at] ^= 1;
-        for damaged in [changed, bytes[..at].to_vec()] {
-            std::fs::write(journal.path(), damaged).unwrap();
-            assert_eq!(check(&journal.path(), None).unwrap_err().rule, Rule::Readable);
-        }
+        assert!(refused(&changed), "byte {at} is changed");
+        // What ends with a whole record can be read, and it depends on the length of paths where one ends.
+        assert!(refused(&bytes[..at]) || refused(&bytes[..at - 1]), "cut after {at} bytes");
     }
 }
