@@ -5,7 +5,7 @@
 //! real processes from outside, [`daemons`] their hosts and cables; [`mod@hostile`] gives hostile inputs to commands; [`growth`] is the
 //! experiment that tests of the cube protocol vary, [`metamodules`] the one of the thesis, whose variations
 //! [`cases`] gives names; [`command`] is `metamorph` as a user runs it, [`view`] its page; [`checker`] reads journals without
-//! code of the program and checks every position; [`statistics`] compares samples.
+//! code of the program and checks every position, [`journal_file`] says where they can be damaged; [`statistics`] compares samples.
 
 pub mod browser;
 pub mod cases;
@@ -18,6 +18,7 @@ pub mod daemons;
 pub mod growth;
 pub mod hostile;
 pub mod hosts;
+pub mod journal_file;
 pub mod metamodules;
 pub mod page;
 pub mod probe;

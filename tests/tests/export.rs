@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_tests::command::{Ran, run, run_processes, scenario};
+use metamorph_tests::journal_file::half;
 use metamorph_world_controller::family::cube::Cubes;
 use metamorph_world_controller::family::read_file;
 use metamorph_world_controller::report::schema::Report;
@@ -163,7 +164,7 @@ fn a_cut_journal_is_exported_as_far_as_it_goes() {
     let Exported { directory, updates, .. } = exported("arch.toml", &["--link", "sim"], &[]);
     let [journal, cut, mcap] = ["run.journal", "cut.journal", "cut.mcap"].map(|f| directory.path().join(f));
     let whole = fs::read(&journal).unwrap();
-    fs::write(&cut, &whole[..whole.len() / 2]).unwrap();
+    fs::write(&cut, half(&whole)).unwrap();
     let ran = run(&["export", cut.to_str().unwrap(), "--mcap", mcap.to_str().unwrap()]);
     assert!(ran.code == Some(0) && ran.out.contains("note: "), "{ran:?}");
     let (seen, log) = read(&mcap);

@@ -7,6 +7,7 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::record::Sink;
 use metamorph_protocol::rng::Rng;
 use metamorph_tests::command::{Ran, run, run_processes, scenario};
+use metamorph_tests::journal_file::half;
 use metamorph_world_controller::console::format::digits;
 use metamorph_world_controller::family::replay;
 use metamorph_world_controller::record::journal::{Consumed, Event, Journal, Record, Who, parts_of};
@@ -235,7 +236,7 @@ fn the_command_reports_its_findings() {
     assert!(unknown.code == Some(2) && unknown.err.contains("modules 0 to 41"), "{unknown:?}");
 
     let bytes = std::fs::read(&journal).expect("it is there");
-    std::fs::write(&journal, &bytes[..bytes.len() / 2]).expect("it can be written");
+    std::fs::write(&journal, half(&bytes)).expect("it can be written");
     let cut = run(&["replay", &file]);
     assert_eq!(cut.code, Some(0), "{cut:?}");
     assert!(cut.out.contains("cut off") && cut.out.contains("up to the end of the journal"), "{cut:?}");

@@ -7,12 +7,12 @@ use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::record::{Event, Record, Sink, Who};
 use metamorph_tests::chaos::signal_to;
 use metamorph_tests::command::{Ran, command, run, scenario};
+use metamorph_tests::journal_file::frames;
 use metamorph_world_controller::record::journal::parts_of;
 use rustix::process::Signal;
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 
@@ -27,18 +27,6 @@ fn record(journal: &Path, seed: &str) {
     let path = scenario("swarm.toml");
     let ran = run(&["run", text(&path), "--link", "sim", "-q", "--seed", seed, "--journal", text(journal)]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
-}
-
-/// Returns the frames of a file.
-fn frames(bytes: &[u8]) -> Vec<Range<usize>> {
-    let mut at = 10;
-    std::iter::from_fn(|| {
-        let length = u32::from_le_bytes(*bytes.get(at..)?.first_chunk()?) as usize;
-        let frame = at..at + 12 + length;
-        at = frame.end;
-        Some(frame)
-    })
-    .collect()
 }
 
 /// Splits a journal into the parts that a run of processes would have left, in the directory beside `file`.

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_tests::command::run;
+use metamorph_tests::journal_file::half;
 use metamorph_tests::view::{View, record};
 use metamorph_world_controller::console::stopwatch::wait_until;
 use serde_json::Value;
@@ -140,7 +141,7 @@ fn a_cut_journal_is_shown_as_far_as_it_goes_and_other_files_are_refused() {
     let directory = tempfile::tempdir().unwrap();
     let journal = record(directory.path(), "swarm.toml", &[]);
     let whole = fs::read(&journal).unwrap();
-    fs::write(&journal, &whole[..whole.len() / 2]).unwrap();
+    fs::write(&journal, half(&whole)).unwrap();
     let view = View::start(&["view", &journal]);
     let (_, answer) = view.get(&format!("{}events", view.parts().1), "");
     let events: Value = serde_json::from_str(answer.split("\r\n\r\n").nth(1).unwrap()).unwrap();
