@@ -122,6 +122,12 @@ fn is_in(set: &str, process: &str, signal: Signal) -> bool {
     u64::from_str_radix(mask.trim(), 16).is_ok_and(|mask| mask >> (signal.as_raw() - 1) & 1 == 1)
 }
 
+/// Returns true if a process has a thread of this name. One that is over has none.
+fn has_thread(child: &Child, name: &str) -> bool {
+    let threads = fs::read_dir(format!("/proc/{}/task", child.id())).into_iter().flatten().flatten();
+    threads.filter_map(|t| fs::read_to_string(t.path().join("comm")).ok()).any(|comm| comm.trim() == name)
+}
+
 /// Returns the signal; SIGTERM if these tests ignore it (`nohup cargo test`, `cargo test &` in a script), since the commands
 /// that they start do so, too, until they listen or for ever.
 fn heeded(signal: Signal) -> Signal {
@@ -161,6 +167,12 @@ fn check(case: &Case, dir: &Path, sent: Sent, moment: u64) -> Result<(), String>
     pause(moment);
     let signal = sent.signal();
     let caught = is_caught(&child, signal);
+    if caught {
+        // What arrives while handlers are installed may be lost (signal-hook then calls the handler before, which is none).
+        wait_until("it to listen", || {
+            has_thread(&child, "signals") || child.try_wait().is_ok_and(|s| s.is_some())
+        });
+    }
     send(&child, signal);
     if let Sent::Twice(signal) = sent {
         pause(SECOND);
