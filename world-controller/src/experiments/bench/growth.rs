@@ -19,7 +19,9 @@ use crate::scenario::{LinkKind, Overrides, Plan};
 use metamorph_protocol::lattice::Cell;
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::fmt::Write;
+
+/// The radius of the smallest ball, in half cells.
+const SMALLEST: u32 = 2;
 
 /// What grows from what.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -100,12 +102,13 @@ pub struct Row {
 pub fn measure(shape: Shape, most: u64, live: &mut Live) -> Result<Growth, BenchError> {
     let mut rows = Vec::new();
     for size in shape.sizes() {
-        let (goal, plan) = match shape {
-            Shape::Ball => largest_ball(size.0)?,
-            Shape::SolidPlate | Shape::PorousPlate => read(&pyramid(shape, *size))?,
-        };
+        let plan = read(&match shape {
+            Shape::Ball => ball(size.0, SMALLEST),
+            Shape::SolidPlate | Shape::PorousPlate => pyramid(shape, *size),
+        })?;
         if cubes(&plan)?.cells.len() as u64 <= most {
-            rows.push(row(goal, &plan, live)?);
+            let plan = if shape == Shape::Ball { largest_ball(size.0, plan)? } else { plan };
+            rows.push(row(&plan, live)?);
         }
     }
     let grows =
@@ -137,12 +140,8 @@ fn block(min: [u16; 3], max: [u16; 3]) -> String {
 }
 
 /// Returns the shape of several.
-fn union(parts: impl IntoIterator<Item = String>) -> String {
-    let mut all = String::new();
-    for part in parts {
-        write!(all, "{part}, ").expect("invariant: a string can be written to");
-    }
-    format!("{{ union = [{all}] }}")
+fn union(parts: impl Iterator<Item = String>) -> String {
+    format!("{{ union = [{}] }}", parts.collect::<Vec<_>>().join(", "))
 }
 
 /// Returns a scenario with a slab and a ball.
@@ -171,24 +170,19 @@ fn pyramid(shape: Shape, (layers, thick): (u16, u16)) -> String {
     scenario(&plate, &union(goal), [layers - 1, layers - 1, top])
 }
 
-/// Reads a scenario, and returns the number of its goal cells as well.
-fn read(text: &str) -> Result<(u64, Plan), BenchError> {
+fn read(text: &str) -> Result<Plan, BenchError> {
     let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
-    let plan = read_text("bench", text, &overrides)
-        .map_err(|diagnostics| BenchError::Wrong(diagnostics.to_string()))?;
-    let goal = cubes(&plan)?.setup.goals.first().map_or(0, |g| g.len() as u64);
-    Ok((goal, plan))
+    read_text("bench", text, &overrides).map_err(|diagnostics| BenchError::Wrong(diagnostics.to_string()))
 }
 
-/// Returns the scenario with the largest ball of at most three quarters of the modules of a slab.
-fn largest_ball(side: u16) -> Result<(u64, Plan), BenchError> {
+/// Returns the scenario with the largest ball of at most three quarters of the modules of a slab; `best` has the smallest.
+fn largest_ball(side: u16, mut best: Plan) -> Result<Plan, BenchError> {
     let modules = u64::from(side).pow(2);
-    let mut best = read(&ball(side, 2))?;
     // A scaffold fills half of a ball, so the cube root of the modules exceeds any radius. Balls that are too
     // thin somewhere are skipped.
-    for half_cells in (3..).take_while(|h| u64::from(*h).pow(3) <= 8 * modules) {
+    for half_cells in (SMALLEST + 1..).take_while(|h| u64::from(*h).pow(3) <= 8 * modules) {
         if let Ok(larger) = read(&ball(side, half_cells))
-            && larger.0 * 4 <= modules * 3
+            && goal_cells(&larger)?.len() as u64 * 4 <= modules * 3
         {
             best = larger;
         }
@@ -198,6 +192,10 @@ fn largest_ball(side: u16) -> Result<(u64, Plan), BenchError> {
 
 fn cubes(plan: &Plan) -> Result<&Cubes, BenchError> {
     plan.swarm.of().ok_or_else(|| BenchError::Wrong("the scenario is not one of cubes".to_owned()))
+}
+
+fn goal_cells(plan: &Plan) -> Result<Vec<Cell>, BenchError> {
+    Ok(cubes(plan)?.setup.goals.first().map_or(Vec::new(), |g| g.cells().collect()))
 }
 
 /// Returns the length of the cells along an axis.
@@ -210,13 +208,13 @@ fn extent<'a>(cells: impl Iterator<Item = &'a Cell>, axis: fn(&Cell) -> i16) -> 
 }
 
 /// Measures one run.
-fn row(goal: u64, plan: &Plan, live: &mut Live) -> Result<Row, BenchError> {
-    let Cubes { cells, setup } = cubes(plan)?;
+fn row(plan: &Plan, live: &mut Live) -> Result<Row, BenchError> {
+    let cells = &cubes(plan)?.cells;
     let modules = cells.len() as u64;
-    let goal_cells: Vec<Cell> = setup.goals.first().map_or(Vec::new(), |g| g.cells().collect());
+    let goal = goal_cells(plan)?;
     let too_many = || BenchError::Wrong("the goal has too many cells".to_owned());
-    let least_moves = least_moves(cells, &goal_cells).ok_or_else(too_many)?;
-    let least_makespan_s = least_move_times(cells, &goal_cells).ok_or_else(too_many)?;
+    let least_moves = least_moves(cells, &goal).ok_or_else(too_many)?;
+    let least_makespan_s = least_move_times(cells, &goal).ok_or_else(too_many)?;
     let axes: [fn(&Cell) -> i16; 3] = [|c| c.x, |c| c.y, |c| c.z];
     let watch = CpuWatch::start();
     let (report, _) = simulate(plan, Stopwatch::start(), &mut |now, so_far| {
@@ -230,9 +228,9 @@ fn row(goal: u64, plan: &Plan, live: &mut Live) -> Result<Row, BenchError> {
     let by_class = report.messages.by_class.iter().map(|(class, c)| (class.clone(), c.sent)).collect();
     Ok(Row {
         modules,
-        goal,
-        layers: extent(goal_cells.iter(), |c| c.z),
-        box_sides: axes.map(|axis| extent(cells.iter().chain(&goal_cells), axis)).iter().sum(),
+        goal: goal.len() as u64,
+        layers: extent(goal.iter(), |c| c.z),
+        box_sides: axes.map(|axis| extent(cells.iter().chain(&goal), axis)).iter().sum(),
         outcome: report.outcome.clone(),
         violations: report.invariants.broken,
         makespan_s: report.stages.first().and_then(|s| s.built_s).unwrap_or(report.time.virtual_s),
