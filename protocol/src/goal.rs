@@ -119,23 +119,6 @@ impl Goal {
         Ok(goal)
     }
 
-    /// Returns the part of the goal that consists of its cells among these, as far as they are connected with the seed
-    /// through each other; the seed always is. Levels are distances within the part.
-    pub fn part(&self, of: impl Iterator<Item = Cell>) -> Goal {
-        let set: BTreeSet<Cell> = of.filter(|cell| self.contains(*cell)).chain([self.seed]).collect();
-        let (level_of, _) = levels(&set, self.seed);
-        let mut part = Goal { levels: vec![0; self.levels.len()], cells: level_of.len(), ..self.clone() };
-        for (cell, level) in &level_of {
-            let at = part.index(*cell).expect("invariant: the grid spans every goal cell");
-            part.levels[at] = *level as u16;
-        }
-        part.only_from.clear();
-        if part.growth == Growth::Scaffold {
-            part.keep_meeting_points_open(&level_of.into_keys().collect());
-        }
-        part
-    }
-
     /// Finds the corners at which growth fronts meet from all six sides, and reserves one of the neighbouring edges
     /// of each: only the corner may start that edge. So the corner stays reachable until it is filled.
     fn keep_meeting_points_open(&mut self, set: &BTreeSet<Cell>) {

@@ -174,7 +174,8 @@ fn swarms_go_on_past_the_dead_and_what_is_built() {
     for (file, mark) in [
         ("walled-in-by-what-is-built", CoveragePoint::CubeReopened),
         ("from-a-dead-module-onto-another", CoveragePoint::CubeCarries),
-        ("held-for-a-dead-module", CoveragePoint::CubeFoundDead),
+        ("held-for-a-dead-module", CoveragePoint::CubeReopened),
+        ("more-dead-than-can-be-held", CoveragePoint::CubeReopened),
     ] {
         let ran = simulated(&root().join(format!("tests/corpus/{file}.toml")));
         assert_eq!(ran.verdict, Verdict::Built, "{file}");

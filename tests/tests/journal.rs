@@ -244,7 +244,7 @@ fn the_command_reports_its_findings() {
     other[8] += 1;
     std::fs::write(&journal, other).expect("it can be written");
     let old = run(&["replay", &file]);
-    assert!(old.code == Some(2) && old.err.contains("version 10"), "{old:?}");
+    assert!(old.code == Some(2) && old.err.contains("version 11"), "{old:?}");
     let none = run(&["replay", "no-such-file"]);
     assert!(none.code == Some(2) && none.err.contains("no-such-file"), "{none:?}");
 }

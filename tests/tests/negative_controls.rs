@@ -3,19 +3,23 @@
 
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::counters::Class;
+use metamorph_protocol::cube::call::{Step, Way};
+use metamorph_protocol::cube::control::{Order, Status};
+use metamorph_protocol::cube::epoch::{Epoch, Opening};
 use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::defects::Defect;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
 use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_protocol::wire::Never;
 use metamorph_sim_bridge::cube::invariants::{
-    BODY_CONNECTED, FIELD_LOOP_FREE, HOLDER_DESCENDS, MOVER_HAS_NO_DEPENDANTS, MOVER_SUPPORTED,
+    BODY_CONNECTED, FIELD_LOOP_FREE, HOLDER_DESCENDS, MOVER_HAS_NO_DEPENDANTS, MOVER_SUPPORTED, MOVES_ALONE,
     PARENT_DESCENDS,
 };
+use metamorph_sim_bridge::cube::world::CubeWorld;
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig};
 use metamorph_sim_bridge::kernel::still_world::StillWorld;
@@ -23,6 +27,7 @@ use metamorph_sim_bridge::testing::flood::Hops;
 use metamorph_sim_bridge::world::invariants::Invariant;
 use metamorph_sim_bridge::world::invariants::{MOVE_WITHIN_LEASE, SESSION_CURRENT, TIME_PASSES};
 use metamorph_tests::growth::{Experiment, Ran, ball};
+use std::collections::VecDeque;
 use std::hash::Hasher;
 use std::sync::Arc;
 
@@ -93,6 +98,54 @@ fn leaving_in_spite_of_locks_is_found() {
 #[test]
 fn accepting_old_distances_makes_circles() {
     breaks(FIELD_LOOP_FREE, 3, |e| defect(e, Defect::AcceptStaleValues));
+}
+
+/// A director that opens a closed epoch and calls two modules at the same time, without waiting for either.
+struct CallsTwo(VecDeque<Command<Order>>);
+
+impl DirectorPort<CubeWorld> for CallsTwo {
+    fn report(&mut self, _: Time, _: ModuleId, _: Status) {}
+    fn died(&mut self, _: Time, _: ModuleId) {}
+    fn started(&mut self, _: Time, _: ModuleId) {}
+    fn wake(&mut self, _: Time, _: &mut CubeWorld) {}
+    fn wake_at(&self) -> Time {
+        Time::NEVER
+    }
+    fn poll(&mut self) -> Option<Command<Order>> {
+        self.0.pop_front()
+    }
+}
+
+/// Modules at both ends of a row are called at once, in a closed epoch.
+#[test]
+fn calling_two_modules_at_once_is_found() {
+    let row: Vec<Cell> = (0..5).map(|x| Cell::new(x, 0, 0)).collect();
+    let experiment = Experiment::slab_to_sphere(4, 1);
+    let epoch = Epoch::first(0).reopened().unwrap();
+    let goal = Order::Goal(Opening { epoch, opened: Time::ZERO, is_closed: true });
+    let call = |from: Cell, support, heading| {
+        let motion = Motion { kind: MotionKind::Convex, support, heading };
+        let way = Way::new(from, &[Step { motion, is_vouched: false }]).unwrap();
+        Order::Call { epoch, until: Time::ZERO + Span::secs(9), way, is_alone: true }
+    };
+    let ids = || (0..row.len() as u32).map(ModuleId);
+    let calls = [
+        (ModuleId(0), call(row[0], Face::East, Face::Up)),
+        (ModuleId(4), call(row[4], Face::West, Face::Up)),
+    ];
+    let orders = ids().map(|id| (id, goal)).chain(calls).map(|(id, order)| Command::Order(id, order));
+    let director = CallsTwo(orders.collect());
+    let config = SimConfig {
+        setup: Arc::new(experiment.setup),
+        link: LinkModel::default(),
+        seed: 1,
+        audit_every: Span::secs(9),
+        ignore_sessions: false,
+    };
+    let mut sim = Sim::new(config, CubeWorld::new(&row, Span::secs(1), 1), director);
+    sim.run_until(Time::ZERO + Span::secs(9));
+    let broken: Vec<Invariant> = sim.violations().0.iter().map(|v| v.invariant).collect();
+    assert!(broken.contains(&MOVES_ALONE), "{broken:?}");
 }
 
 /// The rule that suffices for scaffolds walls in cells of a solid.

@@ -398,7 +398,9 @@ fn messages_locks_and_gradients_of_a_thousand_modules_are_shown() {
 /// At the end of a run that stands still the page gives the reason, and draws the waiting modules.
 #[test]
 fn a_deadlock_is_drawn_and_explained() {
-    let kills = ["--kill", "4@5s", "--kill", "22@5s", "--kill", "30@12s"];
+    // With the published gradient no module is led.
+    let gradient = ["--set", "protocol.connectivity=gradient"];
+    let kills = [&gradient[..], &["--kill", "4@5s", "--kill", "22@5s", "--kill", "30@12s"]].concat();
     let file = scenario("swarm.toml").display().to_string();
     let waits = |report: &Value| {
         let waiting = report["unbuilt"]["waiting"].as_array();

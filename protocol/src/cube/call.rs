@@ -8,6 +8,10 @@
 //! again; or it has granted the controller what the mover would have asked for ([`Order::Carry`]). A call with such a grant
 //! ends before the grant does, and the mover starts no later than the call ends.
 //!
+//! In a closed epoch a module moves only if it is called, and the controller calls one after the other. So nothing moves but the
+//! called module, the controller knows where each body is, and it vouches for all that the mover would have asked for: the
+//! structure stays connected, and supports stay.
+//!
 //! [`Order::Carry`]: super::control::Order::Carry
 
 use super::Cube;
@@ -79,6 +83,10 @@ impl Way {
     fn after(&self, steps: u8) -> Cell {
         self.steps().take(steps.into()).fold(self.from, |at, step| step.motion.destination(at))
     }
+    /// Iterates over the cells in order, from the first one.
+    pub fn cells(&self) -> impl Iterator<Item = Cell> {
+        (0..=self.len).map(|steps| self.after(steps))
+    }
     /// Iterates over the steps in order.
     pub fn steps(&self) -> impl Iterator<Item = Step> + '_ {
         // Invariant: all steps are valid, by `new` and `decode`.
@@ -109,6 +117,8 @@ impl Way {
 pub(super) struct Called {
     until: Time,
     way: Way,
+    /// True if nothing else moves until the call ends.
+    is_alone: bool,
     /// The number of steps made.
     made: u8,
 }
@@ -121,15 +131,15 @@ impl Called {
 
 impl Cube {
     /// Takes a call, if the module stands where it begins. It replaces the call before.
-    pub(super) fn on_call(&mut self, now: Time, epoch: Epoch, until: Time, way: Way) {
+    pub(super) fn on_call(&mut self, now: Time, epoch: Epoch, until: Time, way: Way, is_alone: bool) {
         let fits = epoch == self.own.epoch && way.from() == self.own.cell && self.moving.is_none();
-        if !fits || until <= now || self.own.role == Role::Final {
+        if !fits || until <= now || self.own.role == Role::Final || is_alone != self.own.is_closed {
             return;
         }
         hit(CoveragePoint::CubeCalled);
         self.abort_attempt(now, None);
         self.planner.end_back_off(now);
-        self.called = Some(Box::new(Called { until, way, made: 0 }));
+        self.called = Some(Box::new(Called { until, way, is_alone, made: 0 }));
         self.touch();
         self.decide_soon(now);
     }
@@ -146,16 +156,22 @@ impl Cube {
         }
     }
 
-    /// Returns the called module for which this one stays and keeps a cell free.
-    pub(super) fn carries_for_call(&self) -> Option<ModuleId> {
-        self.locks.iter().find(|lock| lock.id.number == CARRY).map(|lock| lock.id.origin)
+    /// Returns the latest request of the controller that is granted.
+    pub(super) fn carries_for_call(&self) -> Option<Token> {
+        let granted = self.locks.iter().filter(|lock| lock.id.number == CARRY);
+        granted.last().map(|lock| lock.id.token)
     }
 
     /// Returns the latest start of a motion that is asked for now.
     pub(super) fn latest_start(&self, now: Time, motion: Motion) -> Time {
         let latest = now + self.own.params().start_within();
-        let is_vouched = self.sides.is_certified_dead(motion.support);
+        let is_vouched = self.is_called_alone() || self.sides.is_certified_dead(motion.support);
         self.call_ends().filter(|_| is_vouched).map_or(latest, |ends| ends.min(latest))
+    }
+
+    /// Returns true if the module is called while nothing else moves.
+    pub(super) fn is_called_alone(&self) -> bool {
+        self.called.as_ref().is_some_and(|called| called.is_alone)
     }
 
     /// Forgets a call that is over.
@@ -189,6 +205,9 @@ impl Cube {
     pub(super) fn called_motion(&self) -> Option<Motion> {
         let step = self.called.as_ref()?.next()?;
         let motion = step.motion;
+        if self.is_called_alone() {
+            return Some(motion);
+        }
         let is_certain = motion.kind == MotionKind::Convex || step.is_vouched;
         let needs_none = self.sides.is_certified_dead(motion.support) && is_certain;
         (needs_none || self.sides.support(motion.support).is_some()).then_some(motion)
@@ -200,7 +219,9 @@ mod tests {
     use super::*;
     use crate::agent::{Agent, Input, Output};
     use crate::cube::control::Order;
+    use crate::cube::epoch::Opening;
     use crate::cube::params::{Params, Setup};
+    use crate::cube::steering::Steering;
     use crate::goal::{Goal, Growth};
     use crate::ids::{Port, Session};
     use crate::wire::{HEADER, PAYLOAD, Wire};
@@ -243,7 +264,7 @@ mod tests {
             );
         }
         let way = Way::new(from, &[step]).unwrap();
-        cube.handle(now, Input::Order(Order::Call { epoch, until: now + lasts, way }));
+        cube.handle(now, Input::Order(Order::Call { epoch, until: now + lasts, way, is_alone: false }));
         std::iter::from_fn(|| cube.poll()).find_map(|output| match output {
             Output::Act(action) => Some(action),
             _ => None,
@@ -260,6 +281,39 @@ mod tests {
         assert_eq!(first_motion(false, around, HERE, here), None, "the neighbour may be alive");
         assert_eq!(first_motion(true, around, HERE.next_goal(), here), None, "the call is for another goal");
         assert_eq!(first_motion(true, around, HERE, Cell::new(0, 0, 1)), None, "it begins elsewhere");
+    }
+
+    /// In a closed epoch a module moves only if it is called, and then it asks none. Such a call is for closed epochs only.
+    #[test]
+    fn a_module_moves_in_a_closed_epoch_when_it_is_called() {
+        let seed = Cell::new(0, 9, 0);
+        let goal = Goal::compile(&[seed, Cell::new(0, 10, 0)], seed, Growth::Solid).unwrap();
+        let params = Params::scaled(Span::secs(1), Span::millis(10), 100);
+        let step = step(MotionKind::Convex, false);
+        let moves = |is_closed, is_alone: Option<bool>| {
+            let mut cube = Cube::first(Setup { params: params.clone(), goals: vec![goal.clone()] });
+            let (epoch, now) = (HERE.reopened().unwrap(), Time::ZERO + Span::secs(9));
+            let until = now + Span::secs(5);
+            let session = Some(Session(1));
+            // The neighbour has not been heard, so it grants nothing.
+            cube.handle(now, Input::Contact { port: Port(Face::Down as u8), session });
+            cube.handle(now, Input::Order(Order::Goal(Opening { epoch, opened: now, is_closed })));
+            let steering = Steering::GoTo(Cell::new(5, 0, 0));
+            cube.handle(now, Input::Order(Order::Steer { steering, until }));
+            if let Some(is_alone) = is_alone {
+                let way = Way::new(Cell::default(), &[step]).unwrap();
+                cube.handle(now, Input::Order(Order::Call { epoch, until, way, is_alone }));
+            }
+            let actions = std::iter::from_fn(|| cube.poll()).filter_map(|output| match output {
+                Output::Act(action) => Some((action.motion, action.not_after <= until)),
+                _ => None,
+            });
+            actions.last()
+        };
+        assert_eq!(moves(true, Some(true)), Some((step.motion, true)));
+        assert_eq!(moves(true, None), None);
+        assert_eq!(moves(true, Some(false)), None, "it has to be called alone");
+        assert_eq!(moves(false, Some(true)), None, "others may move");
     }
 
     /// A module that is asked to carry a called one stays and keeps the cell free, and says so.
@@ -281,7 +335,7 @@ mod tests {
         };
         let order = |epoch| Input::Order(Order::Carry { epoch, mover, token, face });
         assert_eq!(carries(now, order(HERE.next_goal())), (Some(None), None), "it is for another goal");
-        assert_eq!(carries(now, order(HERE)), (Some(Some(mover)), Some(mover)));
+        assert_eq!(carries(now, order(HERE)), (Some(Some(token)), Some(mover)));
         assert_eq!(carries(now + lasts, Input::Wake), (Some(None), None));
     }
 
@@ -301,7 +355,7 @@ mod tests {
         assert_eq!(way.steps().collect::<Vec<Step>>(), steps);
         assert_eq!(Way::new(Cell::default(), &[]), None);
         assert_eq!(Way::new(Cell::default(), &[steps[0]; MAX_STEPS + 1]), None);
-        let order = Order::Call { epoch: HERE, until: Time(2), way };
+        let order = Order::Call { epoch: HERE, until: Time(2), way, is_alone: true };
         assert!(order.wire_len() <= HEADER + PAYLOAD);
         // A heading along the support is no motion.
         let motion = Motion { heading: Face::Down, ..steps[0].motion };

@@ -9,6 +9,9 @@ use crate::lattice::{Cell, Face};
 use crate::time::Time;
 use crate::wire::{Decoder, Encoder, Wire, WireError};
 
+/// Stands for no token: the controller counts its requests from one.
+const NO_TOKEN: u32 = 0;
+
 /// An order of the world-controller to a cube.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Order {
@@ -45,6 +48,8 @@ pub enum Order {
         until: Time,
         /// The way.
         way: Way,
+        /// True if nothing else moves until the call ends: the epoch is closed, and the module asks no other one.
+        is_alone: bool,
     },
     /// Stay, and keep a cell free for a module that is called over a dead one and cannot ask for it itself.
     Carry {
@@ -130,9 +135,10 @@ impl Wire for Order {
                 steering.encode(out);
                 out.u64(until.0);
             }
-            Order::Call { epoch, until, way } => {
+            Order::Call { epoch, until, way, is_alone } => {
                 epoch.encode(out);
                 out.time(*until);
+                out.bool(*is_alone);
                 way.encode(out);
             }
             Order::Carry { epoch, mover, token, face } => {
@@ -162,7 +168,8 @@ impl Wire for Order {
             })),
             3 => Ok(Order::Steer { steering: Steering::decode(from)?, until: Time(from.u64()?) }),
             4 => {
-                Ok(Order::Call { epoch: Epoch::decode(from)?, until: from.time()?, way: Way::decode(from)? })
+                let (epoch, until, is_alone) = (Epoch::decode(from)?, from.time()?, from.bool("alone")?);
+                Ok(Order::Call { epoch, until, way: Way::decode(from)?, is_alone })
             }
             5 => Ok(Order::Carry {
                 epoch: Epoch::decode(from)?,
@@ -198,8 +205,8 @@ pub struct Status {
     pub prevented: u32,
     /// The module that it waits for.
     pub waits_for: Option<ModuleId>,
-    /// The called module for which it stays and keeps a cell free ([`Order::Carry`]).
-    pub carries: Option<ModuleId>,
+    /// The latest request of the controller that it has granted, until the grant ends ([`Order::Carry`]).
+    pub carries: Option<Token>,
     /// For each face, the time of death of a dead neighbour that the module has announced to hold; zero if there is
     /// none.
     pub custody: [Time; 6],
@@ -218,9 +225,8 @@ impl Wire for Status {
         out.u8(self.wants);
         out.u32(self.subtree);
         out.u32(self.prevented);
-        for id in [self.waits_for, self.carries] {
-            out.u32(id.map_or(NO_MODULE, |id| id.0));
-        }
+        out.u32(self.waits_for.map_or(NO_MODULE, |id| id.0));
+        out.u32(self.carries.map_or(NO_TOKEN, |token| token.0));
         let held = Face::ALL.into_iter().filter(|f| self.custody[f.index()] != Time::ZERO);
         out.u8(Face::mask(held.clone()));
         held.for_each(|f| out.time(self.custody[f.index()]));
@@ -240,7 +246,7 @@ impl Wire for Status {
             subtree: from.u32()?,
             prevented: from.u32()?,
             waits_for: Some(from.u32()?).filter(|id| *id != NO_MODULE).map(ModuleId),
-            carries: Some(from.u32()?).filter(|id| *id != NO_MODULE).map(ModuleId),
+            carries: Some(from.u32()?).filter(|token| *token != NO_TOKEN).map(Token),
             custody: [Time::ZERO; 6],
         };
         let held = from.u8()?;

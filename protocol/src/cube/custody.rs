@@ -346,7 +346,7 @@ mod tests {
             let mut bench = Bench::new(defect);
             let of = bench.announces(NEARER);
             bench.order(Order::Custody(of));
-            bench.order(Order::Goal(Opening::whole(Epoch::first(1), bench.now)));
+            bench.order(Order::Goal(Opening::of(Epoch::first(1), bench.now)));
             assert!(!bench.is_free());
             bench.beacons.clear();
             bench.adopt();

@@ -40,7 +40,7 @@ impl Cube {
             cell,
             settled,
             epoch,
-            part,
+            is_closed,
             role,
             restarted,
             quarantine_until,
@@ -62,12 +62,13 @@ impl Cube {
         (immobile, prevented, restarted).hash(hasher);
         quarantine_until.hash(hasher);
         planner.digest(hasher, DigestPart::Targets);
-        // Without commands, calls and withheld cells the hash is that of a swarm that knows none.
+        // Without commands, calls and closed epochs the hash is that of a swarm that knows none.
         steered.iter().for_each(|steered| steered.hash(hasher));
         called.iter().for_each(|called| called.hash(hasher));
-        let withheld =
-            part.iter().map(|part| &part.withheld).chain(next_epoch.iter().map(|next| &next.withheld));
-        withheld.filter(|withheld| !withheld.is_empty()).for_each(|withheld| withheld.hash(hasher));
+        let is_closed_next = next_epoch.as_ref().is_some_and(|next| next.is_closed);
+        if *is_closed || is_closed_next {
+            (is_closed, is_closed_next).hash(hasher);
+        }
         for face in Face::ALL {
             sides.digest(face, hasher);
             forest.child(face).hash(hasher);

@@ -10,7 +10,7 @@
 //! * `lock_table`, `negotiation` — locks and reservations along routes, with leases;
 //! * `motion_planner` — where to go, and when; `call`, `steering` — where the controller leads it;
 //! * `beacon` — telling the neighbours; `reporter` — telling the world-controller;
-//! * `epoch` — which goal it works for, and what is withheld of it;
+//! * `epoch` — which goal it works for, and whether it is built now;
 //! * `view` — what the parts read: the module itself, its neighbours, the time of the step.
 //!
 //! This file holds them together: which parts an input concerns, and in which order the parts work in a step;
@@ -72,7 +72,7 @@ use std::collections::VecDeque;
 use std::hash::Hasher;
 use std::sync::Arc;
 use steering::Steered;
-use view::{GoalMasks, Own, Part, Shared, View};
+use view::{GoalMasks, Own, Shared, View};
 
 /// The agent of one cube.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -214,7 +214,7 @@ impl Agent for Cube {
             cell: birth.place,
             settled: now,
             epoch: Epoch::first(0),
-            part: None,
+            is_closed: false,
             born: restarted_at,
             role: Role::Reserve,
             restarted,
@@ -431,7 +431,7 @@ impl Cube {
                 }
             }
             Order::Steer { steering, until } => self.on_steering(now, steering, until),
-            Order::Call { epoch, until, way } => self.on_call(now, epoch, until, way),
+            Order::Call { epoch, until, way, is_alone } => self.on_call(now, epoch, until, way, is_alone),
             Order::Carry { epoch, mover, token, face } => {
                 self.on_carry(now, epoch, mover, token, face);
             }
@@ -445,19 +445,18 @@ impl Cube {
         }
     }
 
-    /// Takes up a later goal that others work for. What another opening of it withholds, only the controller tells.
+    /// Takes up a later goal that others work for. If another epoch of it is closed, only the controller tells.
     fn hear_of_epoch(&mut self, now: Time, epoch: Epoch) {
         if epoch.opening() == 0 {
-            self.follow_epoch(now, Opening::whole(epoch, Time::ZERO));
+            self.follow_epoch(now, Opening::of(epoch, Time::ZERO));
         }
     }
 
     /// Takes up a later epoch. All modules start over in reserve, unattached; until they are attached again
     /// none leaves, so the body is as safe as at the start of a run.
     fn follow_epoch(&mut self, now: Time, opening: Opening) {
-        let Opening { epoch, opened, withheld } = opening;
-        let Some(goal) = self.own.setup.goals.get(usize::from(epoch.goal())) else { return };
-        if epoch <= self.own.epoch {
+        let Opening { epoch, opened, is_closed } = opening;
+        if epoch <= self.own.epoch || usize::from(epoch.goal()) >= self.own.setup.goals.len() {
             return;
         }
         if self.moving.is_some() {
@@ -470,12 +469,11 @@ impl Cube {
         if epoch.opening() > 0 {
             hit(CoveragePoint::CubeReopened);
         }
-        let part = withheld.left_of(goal).map(|goal| Arc::new(Part { withheld, goal }));
         self.abort_attempt(now, None);
         let own = &mut self.own;
         (own.epoch, own.role, own.activator, own.support) = (epoch, Role::Reserve, None, None);
         // In an epoch that began after its birth, no earlier incarnation was finalized.
-        (own.part, own.restarted) = (part, own.restarted && opened <= own.born);
+        (own.is_closed, own.restarted) = (is_closed, own.restarted && opened <= own.born);
         own.look_up();
         self.forest.on_goal();
         self.planner.on_goal();

@@ -346,13 +346,20 @@ impl Cube {
             self.planner.failed = self.own.params().immobile_after / 2;
             self.touch();
         }
-        let steered = self.steered_at(now);
+        let steered = self.steered_at(now).filter(|_| !self.own.is_closed);
         let is_called = steered.is_none() && self.call_ends().is_some();
         if is_called && self.is_called_here() {
             return;
         }
         if let Some(Steered { steering: Steering::Hold, until }) = steered {
             self.planner.decide_at = until;
+            return;
+        }
+        if self.own.is_closed {
+            // Only the called module moves, and it asks none.
+            if let Some(motion) = self.called_motion() {
+                self.begin_attempt(now, motion);
+            }
             return;
         }
         let may_be_wanted = self.own.role == Role::Walker || self.own.masks.own;

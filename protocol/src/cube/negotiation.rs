@@ -57,6 +57,9 @@ impl Cube {
             search: None,
         });
         self.planner.waiting_since.get_or_insert(now);
+        if self.is_called_alone() {
+            return self.launch_if_granted(now);
+        }
         if self.own.role == Role::Reserve
             && self.own.connectivity() == Connectivity::Cycles
             && !self.ask_for_cycles(now)
@@ -345,13 +348,15 @@ impl Cube {
 
     pub(super) fn launch_if_granted(&mut self, now: Time) {
         let ready = self.attempt.as_ref().is_some_and(|a| {
-            let is_asked = !a.requests.is_empty() || self.sides.is_certified_dead(a.motion.support);
+            let needs_none = self.is_called_alone() || self.sides.is_certified_dead(a.motion.support);
+            let is_asked = needs_none || !a.requests.is_empty();
             a.search.is_none() && is_asked && a.requests.iter().all(|r| r.granted)
         });
         if !ready {
             return;
         }
-        let held = if self.own.role == Role::Reserve { self.may_leave(now).err() } else { None };
+        let is_checked = self.own.role == Role::Reserve && !self.is_called_alone();
+        let held = if is_checked { self.may_leave(now).err() } else { None };
         let fenced = !self.own.has(Defect::NoDeadline);
         let late = fenced && self.attempt.as_ref().is_some_and(|a| now > a.deadline);
         if held.is_some() || late {

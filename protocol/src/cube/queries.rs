@@ -104,6 +104,10 @@ impl Cube {
         let (successor, heard) = self.attraction.successor(face);
         (self.attraction.value(face), successor, heard)
     }
+    /// Returns true if nothing is built in the present epoch, and no module moves unless it is called.
+    pub fn is_closed(&self) -> bool {
+        self.own.is_closed
+    }
     /// Returns the time at which the module arrived at its cell or, if later, restarted there.
     pub fn settled(&self) -> Time {
         self.own.settled

@@ -1,6 +1,6 @@
 //! The state that the parts of a cube read: the module itself, its neighbours, and the time of the step.
 
-use super::epoch::{Epoch, Withheld};
+use super::epoch::Epoch;
 use super::message::{Beacon, Role};
 use super::params::{Connectivity, Params, Setup};
 use super::sides::Sides;
@@ -73,20 +73,6 @@ impl GoalMasks {
     }
 }
 
-/// The part of a goal that an epoch does not withhold.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Part {
-    pub withheld: Withheld,
-    /// Derived from the goal and from what is withheld.
-    pub goal: Goal,
-}
-
-impl Hash for Part {
-    fn hash<H: Hasher>(&self, hasher: &mut H) {
-        self.withheld.hash(hasher);
-    }
-}
-
 /// What a module knows of itself.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Own {
@@ -97,8 +83,8 @@ pub(super) struct Own {
     pub settled: Time,
     /// The epoch that it works in.
     pub epoch: Epoch,
-    /// What it works for, if the epoch withholds a part of the goal.
-    pub part: Option<Arc<Part>>,
+    /// True if no module is finalized in this epoch, and none has a reason to move.
+    pub is_closed: bool,
     /// When this incarnation began, by the controller's clock.
     pub born: Time,
     pub role: Role,
@@ -118,9 +104,7 @@ pub(super) struct Own {
 impl Own {
     pub fn goal(&self) -> &Goal {
         // Invariant: epochs are only taken up if there is a goal for them, and there is a first goal.
-        self.part
-            .as_ref()
-            .map_or_else(|| &self.setup.goals[usize::from(self.epoch.goal())], |part| &part.goal)
+        &self.setup.goals[usize::from(self.epoch.goal())]
     }
     pub fn params(&self) -> &Params {
         &self.setup.params
@@ -141,7 +125,8 @@ impl Own {
     }
     /// Looks up the cell in the goal, after either has changed.
     pub fn look_up(&mut self) {
-        self.masks = GoalMasks::of(self.goal(), self.cell);
+        let masks = (!self.is_closed).then(|| GoalMasks::of(self.goal(), self.cell));
+        self.masks = masks.unwrap_or_default();
     }
 }
 

@@ -1,7 +1,7 @@
 //! Invariants of cubes that involve agents and the world.
 
 use crate::cube::invariants::{
-    self, FIELD_LOOP_FREE, FINAL_GROWS, MOVER_HAS_NO_DEPENDANTS, PARENT_DESCENDS, RESERVED_ONCE,
+    self, FIELD_LOOP_FREE, FINAL_GROWS, MOVER_HAS_NO_DEPENDANTS, MOVES_ALONE, PARENT_DESCENDS, RESERVED_ONCE,
 };
 use crate::cube::world::CubeWorld;
 use crate::kernel::audited::{Agents, Audited};
@@ -237,6 +237,11 @@ impl Audited for CubeWorld {
         }
         if cube.connectivity() == Connectivity::Forest {
             self.audit_left_behind(now, id, agents, found);
+        }
+        if cube.is_closed() {
+            let moves = |other: &ModuleId| *other != id && self.is_moving(*other);
+            let others: Vec<ModuleId> = (0..self.len() as u32).map(ModuleId).filter(moves).collect();
+            return note(found, MOVES_ALONE, now, id, invariants::moves_alone(&others));
         }
         if let Some(grantor) = agents.get(landing)
             // Finalized modules stay in any case, also after a restart, and restarted ones until they have listened.

@@ -178,10 +178,10 @@ impl Calls {
         swarm: Swarm<'_>,
         commands: &mut VecDeque<Command<Order>>,
     ) {
-        let carries = swarm.known[asked.carrier.index()].status.and_then(|status| status.carries);
+        let granted = swarm.known[asked.carrier.index()].status.and_then(|status| status.carries);
         if now >= asked.until {
             self.give_up();
-        } else if carries == Some(asked.mover) {
+        } else if granted == Some(Token(self.requests)) {
             self.asked = None;
             self.call_until(asked.until, asked.mover, asked.leg.way, swarm, commands);
         }
@@ -199,7 +199,7 @@ impl Calls {
         let arrives_by = until + params.move_time * 2;
         let (from, to) = (way.from(), way.to());
         self.sent = Some(Sent { module, from, to, leaves_by: until, until: arrives_by });
-        commands.push_back(Command::Order(module, Order::Call { epoch, until, way }));
+        commands.push_back(Command::Order(module, Order::Call { epoch, until, way, is_alone: false }));
     }
 
     fn call(
@@ -233,7 +233,7 @@ impl Calls {
         let until = if self.legs.is_empty() { arrives_by + params.out_of_turn_after } else { arrives_by };
         let leaves_by = now + params.move_time * TO_SET_OUT;
         self.sent = Some(Sent { module, from: way.from(), to: way.to(), leaves_by, until });
-        commands.push_back(Command::Order(module, Order::Call { epoch, until, way }));
+        commands.push_back(Command::Order(module, Order::Call { epoch, until, way, is_alone: false }));
     }
 
     /// Returns the parts of a plan that fills one more cell: of the module with the shortest way or, in a small swarm, of
@@ -276,12 +276,26 @@ impl Calls {
 /// Returns a plan in parts, each the way of one module. A step onto a module that has to be asked first is a part of its own.
 fn legs(plan: &[PlannedMove]) -> VecDeque<Leg> {
     let is_asked_first = |planned: &PlannedMove| planned.is_unasked && !planned.lands_on_fixed;
-    let mut legs = VecDeque::new();
     let mut rest = plan;
-    while let Some(first) = rest.first() {
-        let mut at = first.from;
+    let leg = |way: Way| {
+        let first = rest[0];
+        rest = &rest[way.steps().count()..];
+        let landing = first.motion.destination(first.from).step(first.motion.landing_support());
+        Leg { way, unasked: is_asked_first(&first).then_some(landing) }
+    };
+    ways(plan, &is_asked_first).map(leg).collect()
+}
+
+/// Iterates over the ways of a plan, each of one module. A move for which `is_apart` holds begins a way.
+pub(super) fn ways(
+    plan: &[PlannedMove],
+    is_apart: &dyn Fn(&PlannedMove) -> bool,
+) -> impl Iterator<Item = Way> {
+    let mut rest = plan;
+    std::iter::from_fn(move || {
+        let mut at = rest.first()?.from;
         let follows = |planned: &&PlannedMove| {
-            let follows = planned.from == at && !is_asked_first(planned);
+            let follows = planned.from == at && !is_apart(planned);
             at = planned.motion.destination(planned.from);
             follows
         };
@@ -289,10 +303,7 @@ fn legs(plan: &[PlannedMove]) -> VecDeque<Leg> {
         let (part, others) = rest.split_at(count);
         let step = |p: &PlannedMove| Step { motion: p.motion, is_vouched: p.is_unasked };
         let steps: Vec<Step> = part.iter().map(step).collect();
-        let landing = first.motion.destination(first.from).step(first.motion.landing_support());
-        let unasked = is_asked_first(first).then_some(landing);
-        legs.extend(Way::new(first.from, &steps).map(|way| Leg { way, unasked }));
         rest = others;
-    }
-    legs
+        Way::new(part[0].from, &steps)
+    })
 }

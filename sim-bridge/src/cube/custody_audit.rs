@@ -89,7 +89,7 @@ impl CubeWorld {
         let holds = |(id, face): &&(ModuleId, Face)| {
             is_dead_parent(*id, *face) || self.stays(now, *id, *face, agents)
         };
-        let holders = beside.iter().filter(holds).count();
+        let holders = beside.iter().filter(holds).count().max(self.holders_of_cluster(now, dead, agents));
         note(found, DEAD_HELD, now, dead, invariants::dead_held(holders));
         let at = self.cell(dead);
         let all = (dead, at, Time::ZERO, Epoch::default())..=(dead, at, Time::NEVER, Epoch::LAST);
@@ -99,6 +99,33 @@ impl CubeWorld {
         let best = beside.iter().find(|(id, _)| id == best);
         let stays = !is_of_epoch || best.is_some_and(|(id, face)| self.stays(now, *id, *face, agents));
         note(found, BEST_HOLDER_STAYS, now, dead, invariants::best_holder_stays(stays));
+    }
+
+    /// Returns the number of modules that stay for one of the dead that hang together with a dead module, if only dead ones touch
+    /// it. Dead modules stay, so they hold each other.
+    fn holders_of_cluster(&self, now: Time, dead: ModuleId, agents: &Agents<'_, Cube>) -> usize {
+        let beside = |of: ModuleId| {
+            let touching =
+                Face::ALL.into_iter().filter_map(move |f| Some((self.neighbour(of, f)?, f.opposite())));
+            touching.filter(|(id, _)| !self.is_moving(*id))
+        };
+        let is_dead = |id: ModuleId| agents.get(id).is_none();
+        let may_hold =
+            |(id, _): (ModuleId, Face)| agents.get(id).is_some_and(|cube| cube.role() != Role::Walker);
+        if beside(dead).any(may_hold) {
+            return 0;
+        }
+        let (mut cluster, mut next) = (vec![dead], 0);
+        while let Some(at) = cluster.get(next).copied() {
+            next += 1;
+            for (id, _) in beside(at).filter(|(id, _)| is_dead(*id)) {
+                if !cluster.contains(&id) {
+                    cluster.push(id);
+                }
+            }
+        }
+        let stays = |(id, face): &(ModuleId, Face)| !is_dead(*id) && self.stays(now, *id, *face, agents);
+        cluster.into_iter().flat_map(beside).filter(stays).count()
     }
 
     /// Returns true if a module cannot leave the dead module on a face: either the last state of its agent keeps the

@@ -112,6 +112,9 @@ pub fn snapshot(
     connectivity: Connectivity,
     epoch: Epoch,
 ) -> StandstillSnapshot {
+    // A holder that has been restarted may not know that it is finalized.
+    let stays_final = |id: ModuleId| !known[id.index()].alive || known[id.index()].is_final(epoch);
+    let is_final_still = |holder: Cell| world.body_at(holder).is_some_and(stays_final);
     let modules = (0..known.len() as u32).map(ModuleId).map(|id| {
         let of = &known[id.index()];
         ModuleSnapshot {
@@ -122,7 +125,7 @@ pub fn snapshot(
             // The dead module in the seed cell is the root.
             finalized: of.is_final(epoch) || (!of.alive && world.cell(id) == goal.seed()),
             unattached: of.is_unattached(),
-            held_for_good: !of.alive && registrar.is_held_for_good(id),
+            held_for_good: !of.alive && registrar.held_for_good_by(id).is_some_and(is_final_still),
             // A module restarted in a goal cell may have been finalized: it stays.
             pinned: of.alive
                 && (is_pinned(world, known, id)

@@ -3,9 +3,9 @@
 
 use crate::cube::calls::{Calls, Standing, Swarm};
 use crate::cube::diagnosis::{Known, diagnose, snapshot};
+use crate::cube::global_plan::GlobalPlan;
 use crate::cube::reachability::StandstillSnapshot;
 use crate::cube::registrar::Registrar;
-use crate::cube::reopening::Reopening;
 use crate::cube::world::CubeWorld;
 use crate::director::fault_injector::FaultInjector;
 use crate::director::faults::{Fault, FaultRecord, Schedule};
@@ -14,7 +14,7 @@ use crate::director::port::DirectorPort;
 use crate::director::progress::{Progress, Stage, Stop};
 use crate::director::steering::Steering as Wish;
 use metamorph_protocol::cube::control::{Order, Status};
-use metamorph_protocol::cube::epoch::{Epoch, Opening, Withheld};
+use metamorph_protocol::cube::epoch::{Epoch, Opening};
 use metamorph_protocol::cube::message::Role;
 use metamorph_protocol::cube::params::{Connectivity, Setup};
 use metamorph_protocol::cube::steering::Steering;
@@ -30,8 +30,8 @@ use std::sync::Arc;
 
 /// The part of the time without moves that ends a run after which modules are called.
 const PATIENCE: u64 = 4;
-/// The part of the time without moves that ends a run after which the goal is opened again.
-const REOPENING_PATIENCE: u64 = 2;
+/// The part of the time without moves, or without a filled cell, that ends a run after which a global plan is made.
+const LAST_PATIENCE: u64 = 2;
 
 /// The director of a swarm of cubes.
 pub struct Director {
@@ -39,11 +39,9 @@ pub struct Director {
     faults: FaultInjector,
     stop: Stop,
     failure: Ratio,
-    /// The present epoch, and what it withholds.
+    /// The present epoch.
     opening: Opening,
-    /// What it works for, if the epoch withholds a part of the goal.
-    part: Option<Goal>,
-    reopening: Reopening,
+    global_plan: GlobalPlan,
     stages: Vec<Stage>,
     known: Vec<Known>,
     /// The number of modules that are dead, or finalized in the present stage.
@@ -88,9 +86,8 @@ impl Director {
             faults: FaultInjector::new(schedule),
             stop,
             failure,
-            opening: Opening::whole(Epoch::default(), Time::ZERO),
-            part: None,
-            reopening: Reopening::default(),
+            opening: Opening::of(Epoch::default(), Time::ZERO),
+            global_plan: GlobalPlan::default(),
             stages,
             known: vec![Known::default(); modules],
             // Modules are dead until they are started.
@@ -122,11 +119,8 @@ impl Director {
     }
     /// Returns the current state of the swarm as the input of a reachability search.
     pub fn snapshot(&self, world: &CubeWorld) -> StandstillSnapshot {
-        self.snapshot_for(self.goal(), world)
-    }
-    fn snapshot_for(&self, goal: &Goal, world: &CubeWorld) -> StandstillSnapshot {
         let known = (self.known.as_slice(), &self.registrar);
-        snapshot(world, known, goal, self.connectivity(), self.opening.epoch)
+        snapshot(world, known, self.goal(), self.connectivity(), self.opening.epoch)
     }
     /// Returns the effects of the faults so far.
     pub fn struck(&self) -> &[FaultRecord] {
@@ -144,6 +138,10 @@ impl Director {
     pub fn prevented(&self) -> u64 {
         let now: u64 = self.known.iter().filter_map(|k| k.status).map(|s| u64::from(s.prevented)).sum();
         self.prevented_before + now
+    }
+    /// Returns the number of moves that the director led by global plans.
+    pub fn led(&self) -> u64 {
+        self.global_plan.led()
     }
     /// Returns the number of modules whose process is alive.
     pub fn alive(&self) -> usize {
@@ -177,10 +175,6 @@ impl Director {
     fn goal(&self) -> &Goal {
         // Invariant: the epoch only advances while there is a next goal.
         &self.setup.goals[usize::from(self.opening.epoch.goal())]
-    }
-    /// Returns what the present epoch does not withhold of the goal.
-    fn part(&self) -> &Goal {
-        self.part.as_ref().unwrap_or_else(|| self.goal())
     }
 
     /// Describes the state of a module at the moment of a fault.
@@ -254,22 +248,20 @@ impl Director {
         self.registrar.tell(world, &self.known, epoch, seed, &mut self.commands);
     }
 
-    /// Counts the goal cells that are filled. Returns true if all are that the epoch does not withhold.
+    /// Counts the goal cells that are filled. Returns true if all are.
     fn count_filled(&mut self, now: Time, world: &CubeWorld) -> bool {
         self.recount = false;
         let (epoch, goal) = (self.opening.epoch, self.goal());
+        // No module is finalized while a global plan is carried out.
+        let is_led = self.global_plan.is_under_way();
         let is_filled = |id: ModuleId| {
             let k = &self.known[id.index()];
-            // A dead body that still moves fills no cell.
-            (!k.alive && !world.is_moving(id))
-                || k.status.is_some_and(|s| s.role == Role::Final && s.epoch == epoch)
+            // A body that still moves fills no cell.
+            ((is_led || !k.alive) && !world.is_moving(id)) || k.is_final(epoch)
         };
         let is_filled = |c: &Cell| world.body_at(*c).is_some_and(is_filled);
         let filled = goal.cells().filter(is_filled).count();
-        let is_built = match &self.part {
-            None => filled == goal.len(),
-            Some(part) => part.cells().all(|c| is_filled(&c)),
-        };
+        let is_built = filled == goal.len();
         if filled > self.filled {
             self.last_fill = now;
         }
@@ -288,7 +280,7 @@ impl Director {
         if usize::from(next.goal()) == self.setup.goals.len() {
             return self.finish(now, Outcome::Built);
         }
-        self.open(Opening::whole(next, now));
+        self.open(Opening::of(next, now));
         self.stages.push(Stage {
             cells: self.goal().len(),
             filled: 0,
@@ -301,7 +293,6 @@ impl Director {
     /// Begins an epoch.
     fn open(&mut self, opening: Opening) {
         self.opening = opening;
-        self.part = opening.withheld.left_of(self.goal());
         self.done = self.count_done();
         self.filled = 0;
         self.recount = true;
@@ -321,8 +312,11 @@ impl Director {
         let is_checked = now >= self.next_check || (self.recount && self.may_be_built());
         if is_checked {
             self.next_check = now + self.setup.params.move_time;
-            if self.count_filled(now, world) {
-                return if self.part.is_none() { self.next_stage(now) } else { self.reopen(now, world) };
+            let is_built = self.count_filled(now, world);
+            if self.global_plan.is_under_way() {
+                self.lead(now, world);
+            } else if is_built {
+                return self.next_stage(now);
             }
         }
         let planned = self.faults.is_pending() || now < self.stop.planned_until || now < self.leased;
@@ -340,31 +334,49 @@ impl Director {
         } else if now.since(unfilled_since) > self.stop.livelock {
             self.stall = Some(self.explain(world, unfilled_since));
             self.finish(now, Outcome::Livelock);
-        } else if is_checked {
+        } else if is_checked && !self.global_plan.is_under_way() {
             self.call(now, world);
-            let is_idle =
-                now.since(idle_since) > self.stop.stall / REOPENING_PATIENCE && self.calls.is_idle();
-            if is_idle && self.is_broken() && self.connectivity() != Connectivity::Gradient {
-                self.reopen(now, world);
+            let is_idle = now.since(idle_since) > self.stop.stall / LAST_PATIENCE && self.calls.is_idle();
+            let is_jammed = now.since(unfilled_since) > self.stop.livelock / LAST_PATIENCE;
+            let is_healed = self.is_broken() && self.connectivity() != Connectivity::Gradient;
+            if (is_idle || is_jammed) && is_healed {
+                self.plan_globally(now, world);
             }
         }
     }
 
-    /// Opens the goal again without the cells that modules have to leave; whole, if none has to.
-    fn reopen(&mut self, now: Time, world: &CubeWorld) {
-        self.reopening.take_up(self.opening.epoch.goal(), self.last_fault);
-        if self.reopening.is_over() && self.part.is_none() {
-            return;
+    /// Opens the goal again in a closed epoch, if a global plan is found or looked for.
+    fn plan_globally(&mut self, now: Time, world: &CubeWorld) {
+        let (goal, when) = (self.opening.epoch.goal(), (now, self.last_fault));
+        let mut global_plan = std::mem::take(&mut self.global_plan);
+        let is_begun = global_plan.begin(when, goal, world, &|| self.snapshot(world), self.swarm());
+        self.global_plan = global_plan;
+        if is_begun && let Some(epoch) = self.opening.epoch.reopened() {
+            self.open(Opening { epoch, opened: now, is_closed: true });
         }
-        let snapshot = self.snapshot(world);
-        let cells = self.reopening.withhold(&snapshot);
-        if cells.is_none() && self.part.is_none() {
-            return;
+    }
+
+    /// Carries out a global plan, and opens the whole goal when it is over.
+    fn lead(&mut self, now: Time, world: &CubeWorld) {
+        // It reads all but the plan and the commands.
+        let mut global_plan = std::mem::take(&mut self.global_plan);
+        let mut commands = std::mem::take(&mut self.commands);
+        let goes_on = global_plan.lead(
+            (now, self.last_fault),
+            world,
+            &|| self.snapshot(world),
+            self.swarm(),
+            &mut commands,
+        );
+        (self.global_plan, self.commands) = (global_plan, commands);
+        if !goes_on && let Some(epoch) = self.opening.epoch.reopened() {
+            self.open(Opening::of(epoch, now));
         }
-        let withheld = Withheld::new(self.goal(), &cells.unwrap_or_default());
-        if let Some(epoch) = self.opening.epoch.reopened() {
-            self.open(Opening { epoch, opened: now, withheld: withheld.unwrap_or(Withheld::NONE) });
-        }
+    }
+
+    /// Returns the swarm as it is known.
+    fn swarm(&self) -> Swarm<'_> {
+        Swarm { epoch: self.opening.epoch, params: &self.setup.params, known: &self.known }
     }
 
     /// Returns true if a module is dead, has been restarted or cannot move.
@@ -382,15 +394,8 @@ impl Director {
         let standing = Standing { last_fill, last_fault, last_move, patience: self.stop.stall / PATIENCE };
         // The search reads all but the calls and the commands.
         let (mut calls, mut commands) = (std::mem::take(&mut self.calls), std::mem::take(&mut self.commands));
-        let swarm = Swarm { epoch: self.opening.epoch, params: &self.setup.params, known: &self.known };
-        calls.tend(
-            now,
-            standing,
-            world,
-            &|world| self.snapshot_for(self.part(), world),
-            swarm,
-            &mut commands,
-        );
+        let swarm = self.swarm();
+        calls.tend(now, standing, world, &|world| self.snapshot(world), swarm, &mut commands);
         (self.calls, self.commands) = (calls, commands);
     }
 
@@ -401,7 +406,7 @@ impl Director {
 
     fn may_be_built(&self) -> bool {
         debug_assert_eq!(self.done, self.count_done());
-        self.done >= self.part().len()
+        self.done >= self.goal().len()
     }
 
     fn is_done(&self, known: &Known) -> bool {
@@ -428,13 +433,12 @@ impl DirectorPort<CubeWorld> for Director {
         let goal = self.goal().len();
         if let Some(stage) = self.stages.last_mut()
             && report.epoch == self.opening.epoch
-            && self.part.is_none()
             && report.subtree as usize >= goal
         {
             stage.known.get_or_insert(now);
         }
         self.recount |= report.role == Role::Final;
-        if self.registrar.has_news(id, &report) {
+        if self.registrar.has_news(id, &report) || self.global_plan.is_under_way() {
             // It is forwarded as soon as the world can be read.
             self.next_check = Time::ZERO;
         }

@@ -27,6 +27,16 @@ pub const DEAD_HELD: Invariant = Invariant::new("dead-held");
 pub const HOLDER_DESCENDS: Invariant = Invariant::new("holder-descends");
 /// The best holder of a dead module that ever announced itself, for one death and goal, stays.
 pub const BEST_HOLDER_STAYS: Invariant = Invariant::new("best-holder-stays");
+/// In a closed epoch nothing moves but the called module.
+pub const MOVES_ALONE: Invariant = Invariant::new("moves-alone");
+
+/// Checks [`MOVES_ALONE`] for one mover, by the other modules that move.
+pub fn moves_alone(others: &[ModuleId]) -> Result<(), String> {
+    match others.first() {
+        None => Ok(()),
+        Some(other) => Err(format!("it moves in a closed epoch while module {other} moves")),
+    }
+}
 
 /// Checks [`DEAD_HELD`] for one dead module, by the number of its neighbours that stay for it.
 pub fn dead_held(holders: usize) -> Result<(), String> {

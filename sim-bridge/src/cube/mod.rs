@@ -6,10 +6,10 @@ mod calls;
 mod custody_audit;
 pub mod diagnosis;
 pub mod director;
-
+mod global_plan;
 pub mod invariants;
 pub mod reachability;
 pub mod reasons;
 pub mod registrar;
-mod reopening;
+mod sequential_plan;
 pub mod world;

@@ -72,7 +72,7 @@ pub fn search(snapshot: &StandstillSnapshot, within: RuleSet, bound: usize) -> F
 }
 
 /// One move of a plan.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PlannedMove {
     /// The cell of the module that moves.
     pub from: Cell,
@@ -92,13 +92,11 @@ pub fn plan(snapshot: &StandstillSnapshot, bound: usize) -> Option<Vec<PlannedMo
     matches!(found, Found::Way(_)).then(|| state_space.motions(&steps))
 }
 
-/// Returns the cells that modules leave in a plan that fills the whole goal, in order, if one is found among at most `bound`
-/// arrangements. Every live module may leave that is not stuck, also a finalized one, but not the root of growth. Carried
-/// are modules as in a new epoch, in which none has left its cell yet.
-pub fn plan_of_all(snapshot: &StandstillSnapshot, bound: usize) -> Option<Vec<Cell>> {
-    let state_space = StateSpace::afresh(snapshot);
+/// Returns a plan that fills the whole goal by the rules of any robot, if one is found among at most `bound` arrangements.
+pub fn plan_of_any_robot(snapshot: &StandstillSnapshot, bound: usize) -> Option<Vec<PlannedMove>> {
+    let state_space = StateSpace::new(snapshot, RuleSet::Anything);
     let (found, steps) = state_space.search(bound);
-    matches!(found, Found::Way(_)).then(|| steps.into_iter().map(|(from, _)| from).collect())
+    matches!(found, Found::Way(_)).then(|| state_space.motions(&steps))
 }
 
 impl StandstillSnapshot {
@@ -117,7 +115,7 @@ impl StandstillSnapshot {
         self.goal.iter().copied().filter(|c| !filled.contains(c)).collect()
     }
     /// Returns true if fewer modules can move than there are goal cells without an immovable module in them.
-    fn is_short_of_modules(&self) -> bool {
+    pub(super) fn is_short_of_modules(&self) -> bool {
         let mut others = self.modules.iter().filter(|m| !self.moves(m, RuleSet::Anything));
         let held = others.clone().filter(|m| self.goal.contains(&m.cell)).count();
         self.modules.len() - others.by_ref().count() + held < self.goal.len()
@@ -126,10 +124,9 @@ impl StandstillSnapshot {
 
 /// The constant part of a search.
 struct StateSpace {
-    /// True if goal cells are filled by growth, so that one counts only if it is connected with the finalized structure.
+    /// True if goal cells are filled by growth, so that one counts only if it is connected with the finalized structure, and
+    /// if modules move only over those that grant it, or stay for good.
     by_growth: bool,
-    /// True if modules move only over those that grant it, or stay for good.
-    by_consent: bool,
     /// True if modules without a place in the forest leave only from the end of a branch, and none leaves from under
     /// another.
     is_held: bool,
@@ -155,36 +152,17 @@ struct StateSpace {
 impl StateSpace {
     fn new(snapshot: &StandstillSnapshot, within: RuleSet) -> StateSpace {
         let by_growth = matches!(within, RuleSet::Held | RuleSet::Carried);
-        let enough = if by_growth { snapshot.filled + 1 } else { snapshot.goal.len() };
-        StateSpace {
-            by_growth,
-            by_consent: by_growth,
-            is_held: within == RuleSet::Held,
-            spared_by_live: snapshot.spared_by_live && within == RuleSet::Held,
-            enough,
-            ..StateSpace::with(snapshot, &|m| snapshot.moves(m, within))
-        }
-    }
-
-    /// The state space of a goal that is opened again, by the rules of connecting cycles.
-    fn afresh(snapshot: &StandstillSnapshot) -> StateSpace {
-        let space = StateSpace::with(snapshot, &|m| m.alive && !m.stuck && m.cell != snapshot.seed);
-        let (walkers, unattached) = (BTreeSet::new(), BTreeSet::new());
-        StateSpace { by_consent: true, is_held: true, spared_by_live: true, walkers, unattached, ..space }
-    }
-
-    fn with(snapshot: &StandstillSnapshot, moves: &dyn Fn(&ModuleSnapshot) -> bool) -> StateSpace {
+        let moves = |m: &ModuleSnapshot| snapshot.moves(m, within);
         let cells = |which: &dyn Fn(&ModuleSnapshot) -> bool| {
             snapshot.modules.iter().filter(|m| which(m)).map(|m| m.cell).collect::<BTreeSet<Cell>>()
         };
         StateSpace {
-            by_growth: false,
-            by_consent: false,
-            is_held: false,
-            spared_by_live: false,
+            by_growth,
+            is_held: within == RuleSet::Held,
+            spared_by_live: snapshot.spared_by_live && within == RuleSet::Held,
             goal: snapshot.goal.iter().copied().collect(),
-            enough: snapshot.goal.len(),
-            movers: cells(moves).into_iter().collect(),
+            enough: if by_growth { snapshot.filled + 1 } else { snapshot.goal.len() },
+            movers: cells(&moves).into_iter().collect(),
             fixed_live: cells(&|m| m.alive && !moves(m)),
             dead: cells(&|m| !m.alive),
             walkers: cells(&|m| m.walker),
@@ -323,7 +301,7 @@ impl StateSpace {
 
     /// Returns every arrangement after one move, and the move.
     fn moves(&self, at: &[Cell]) -> Vec<(Vec<Cell>, (Cell, Cell))> {
-        let grown = if self.by_consent { self.grown(at) } else { BTreeSet::new() };
+        let grown = if self.by_growth { self.grown(at) } else { BTreeSet::new() };
         let mut found = Vec::new();
         for (i, from) in at.iter().copied().enumerate() {
             let mut rest = at.to_vec();
@@ -348,7 +326,7 @@ impl StateSpace {
     fn is_possible(&self, rest: &[Cell], grown: &BTreeSet<Cell>, from: Cell, motion: Motion) -> bool {
         let to = motion.destination(from);
         let (support, landing) = (from.step(motion.support), to.step(motion.landing_support()));
-        let carries = if self.by_consent {
+        let carries = if self.by_growth {
             let carries = |cell| self.carries(rest, grown, cell) || self.dead.contains(&cell);
             carries(support) && carries(landing)
         } else {
@@ -411,7 +389,7 @@ impl StateSpace {
 
 /// Returns true if cells are connected with each other through cells that `counts` accepts. It stops when they have met, so that
 /// a small loop costs little in a large body.
-fn are_together(cells: &[Cell], counts: &dyn Fn(&Cell) -> bool) -> bool {
+pub(super) fn are_together(cells: &[Cell], counts: &dyn Fn(&Cell) -> bool) -> bool {
     let mut reached: BTreeSet<Cell> = cells.first().copied().into_iter().collect();
     let mut front: VecDeque<Cell> = reached.iter().copied().collect();
     let mut missing = cells.len().saturating_sub(1);

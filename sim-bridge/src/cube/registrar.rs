@@ -49,9 +49,10 @@ impl Registrar {
         self.news.remove(&id);
         self.deaths.remove(&id).is_some()
     }
-    /// Returns true if a finalized module holds a dead one, so that the dead one stays connected for the present goal.
-    pub fn is_held_for_good(&self, id: ModuleId) -> bool {
-        self.deaths.get(&id).and_then(|death| death.best).is_some_and(|(key, _)| !key.is_loose)
+    /// Returns the cell of the finalized module that holds a dead one, so that the dead one stays connected for the present goal.
+    pub fn held_for_good_by(&self, id: ModuleId) -> Option<Cell> {
+        let (key, _) = self.deaths.get(&id)?.best?;
+        (!key.is_loose).then_some(key.holder)
     }
     /// Takes in a report. Returns true if the module announces in it that it holds a dead one.
     pub fn has_news(&mut self, id: ModuleId, report: &Status) -> bool {

@@ -64,8 +64,8 @@ pub struct Journal {
 impl Journal {
     /// Reads a journal from the bytes of a file.
     pub fn read(bytes: &[u8]) -> Result<Journal, String> {
-        if bytes.len() < START || bytes[..START] != *b"MMJOURNL\x0a\0" {
-            return Err("this is not a journal of version 10".into());
+        if bytes.len() < START || bytes[..START] != *b"MMJOURNL\x0b\0" {
+            return Err("this is not a journal of version 11".into());
         }
         let mut sum = crc32fast::hash(&bytes[..START]);
         let mut rest = &bytes[START..];

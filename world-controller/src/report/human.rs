@@ -164,9 +164,11 @@ fn write_moves(out: &mut String, r: &Report) -> std::fmt::Result {
     let (moves, d) = (count(r.moves), &r.move_details);
     if r.family_text.moves.is_empty() {
         let (begun, failed) = (count(d.started), count(d.failed));
+        let led =
+            if d.led == 0 { String::new() } else { format!(", {} led by the controller", count(d.led)) };
         writeln!(
             out,
-            "  moves       {moves} completed ({per_module:.1} a module) of {begun} begun, {failed} failed"
+            "  moves       {moves} completed ({per_module:.1} a module) of {begun} begun, {failed} failed{led}"
         )?;
     }
     for (label, text) in &r.family_text.moves {

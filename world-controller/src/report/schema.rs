@@ -268,6 +268,10 @@ pub struct MoveReport {
     pub refused_stale: u64,
     /// Refused by the body as impossible from its state, or because it was already acting; 0 for cubes.
     pub refused_impossible: u64,
+    /// Completed by cubes that the controller led by a plan for the whole swarm, because nothing else helped; 0 for other
+    /// modules.
+    #[serde(default)]
+    pub led: u64,
 }
 
 /// Protocol messages. For every class `sent + duplicated = delivered + lost + overflowed + expired + refused

@@ -5,10 +5,9 @@ use crate::counters::Class;
 use crate::cube::body::{Move, Percept, Refusal};
 use crate::cube::call::{Step, Way};
 use crate::cube::control::{CustodyAnnouncement, Order, Status};
-use crate::cube::epoch::{Epoch, MOST_WITHHELD, Opening, Withheld};
+use crate::cube::epoch::{Epoch, Opening};
 use crate::cube::route::MAX_HOPS;
 use crate::cube::steering::Steering;
-use crate::goal::{Goal, Growth};
 use crate::ids::{Incarnation, Port, Session};
 use crate::lattice::{Cell, Motion, MotionKind};
 use crate::time::Time;
@@ -113,14 +112,11 @@ fn every_message_survives_the_wire_and_knows_its_length() {
         is_vouched: true,
     };
     let way = Way::new(Cell::new(-1, 0, 2), &[step; 3]).unwrap();
-    let call = Order::Call { epoch: Epoch::first(1), until: Time(9), way };
+    let call = Order::Call { epoch: Epoch::first(1), until: Time(9), way, is_alone: true };
     let carry =
         Order::Carry { epoch: Epoch::first(1), mover: ModuleId(7), token: Token(8), face: Face::West };
-    let row: Vec<Cell> = (0..=MOST_WITHHELD as i16).map(|x| Cell::new(x, 0, 0)).collect();
-    let goal = Goal::compile(&row, row[0], Growth::Solid).unwrap();
-    let withheld = Withheld::new(&goal, &row[1..]).unwrap();
-    let again = Opening { epoch: Epoch::first(3).reopened().unwrap(), opened: Time(8), withheld };
-    let goals = [Order::Goal(Opening::whole(Epoch::first(3), Time(7))), Order::Goal(again)];
+    let again = Opening { epoch: Epoch::first(3).reopened().unwrap(), opened: Time(8), is_closed: true };
+    let goals = [Order::Goal(Opening::of(Epoch::first(3), Time(7))), Order::Goal(again)];
     for order in goals.into_iter().chain([condemn, Order::Custody(custody), call, carry]).chain(commands) {
         assert!(order.wire_len() <= HEADER + PAYLOAD);
         assert_eq!(Frame::seal(header(), &order).message::<Order>(), Ok(order));

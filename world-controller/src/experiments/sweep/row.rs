@@ -30,6 +30,8 @@ pub struct Row {
     pub moves: u64,
     /// Steps of joints; for metamodules only.
     pub turns: Option<u64>,
+    /// Moves of cubes that the controller led, because nothing else helped.
+    pub led: u64,
     /// Attempts to use one cell twice that negotiation prevented.
     pub collisions_prevented: u64,
     /// Attempts to use one cell twice that the body refused.
@@ -66,7 +68,7 @@ pub struct Row {
 
 impl Row {
     /// The names of the columns.
-    pub const COLUMNS: [&str; 23] = [
+    pub const COLUMNS: [&str; 24] = [
         "seed",
         "outcome",
         "reason",
@@ -74,6 +76,7 @@ impl Row {
         "cells",
         "moves",
         "turns",
+        "led",
         "collisions_prevented",
         "collisions_refused",
         "collisions_suffered",
@@ -112,6 +115,7 @@ impl Row {
             cells: report.goal.cells,
             moves: report.moves,
             turns: report.family_text.joint_steps,
+            led: report.move_details.led,
             collisions_prevented: report.collisions.prevented,
             collisions_refused: report.collisions.refused,
             collisions_suffered: report.collisions.suffered,
@@ -211,6 +215,7 @@ pub(crate) mod tests {
             cells: 22,
             moves: 23,
             turns: Some(24),
+            led: 25,
             collisions_prevented: 1,
             collisions_refused: 2,
             collisions_suffered: 3,

@@ -14,7 +14,7 @@ use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::world::invariants::Violation;
 use std::sync::Arc;
 
-/// Converts the counts of moves to their entry in the report.
+/// Converts the counts of moves to their entry in the report, of a swarm that is not led.
 pub fn move_report(motions: &MotionCounts) -> MoveReport {
     MoveReport {
         started: motions.started,
@@ -24,6 +24,7 @@ pub fn move_report(motions: &MotionCounts) -> MoveReport {
         refused_late: motions.late,
         refused_stale: motions.stale,
         refused_impossible: 0,
+        led: 0,
     }
 }
 
@@ -63,7 +64,7 @@ impl Runnable for Cubes {
             struck: director.struck().to_vec(),
             prevented: director.prevented(),
             stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),
-            bodies: move_report(&motions),
+            bodies: MoveReport { led: director.led(), ..move_report(&motions) },
             moves: motions.completed,
             operator: None,
             family_part: None,

@@ -38,12 +38,10 @@ impl Worded for Cube {
     }
     fn order(order: &CubeOrder) -> String {
         match order {
-            CubeOrder::Goal(opening) if opening.withheld.is_empty() => {
-                format!("goal {} is to be built", opening.epoch)
+            CubeOrder::Goal(opening) if opening.is_closed => {
+                format!("goal {}: wait until the controller calls", opening.epoch)
             }
-            CubeOrder::Goal(opening) => {
-                format!("goal {} is to be built but for {} cells", opening.epoch, opening.withheld.len())
-            }
+            CubeOrder::Goal(opening) => format!("goal {} is to be built", opening.epoch),
             CubeOrder::Condemn { port, finalized, .. } => {
                 let was = if *finalized { ", and was finalized" } else { "" };
                 format!("the neighbour at port {port} is dead{was}")
@@ -53,8 +51,9 @@ impl Worded for Cube {
                 Steering::Hold => format!("an operator commands: stay until {until}"),
                 Steering::GoTo(cell) => format!("an operator commands: go to {cell}, until {until}"),
             },
-            CubeOrder::Call { until, way, .. } => {
-                format!("it is called from {} to {}, until {until}", way.from(), way.to())
+            CubeOrder::Call { until, way, is_alone, .. } => {
+                let alone = if *is_alone { ", while all others stay" } else { "" };
+                format!("it is called from {} to {}, until {until}{alone}", way.from(), way.to())
             }
             CubeOrder::Carry { mover, face, .. } => {
                 format!("stay, and keep the cell at {} free for module {mover}", side(*face))

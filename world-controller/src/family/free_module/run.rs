@@ -60,6 +60,7 @@ impl Runnable for FreeModules {
             refused_late: counts.late,
             refused_stale: counts.stale,
             refused_impossible: counts.impossible,
+            led: 0,
         };
         let report = FreeModuleReport {
             body: BODY.to_owned(),

@@ -121,6 +121,7 @@ impl Runnable for Metamodules {
             refused_late: action_counts.late,
             refused_stale: action_counts.stale,
             refused_impossible: action_counts.impossible,
+            led: 0,
         };
         RunResult {
             ended: director.outcome(),
