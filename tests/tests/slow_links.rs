@@ -98,12 +98,12 @@ fn cubes_build_though_every_other_message_is_lost() {
 /// A real standstill is still found, later.
 #[test]
 fn a_standstill_is_found_on_a_bad_link() {
-    // No module is left to fill the goal.
+    // Too few modules are left to fill the goal; what they can fill they do first.
     let kills: String = (1..36).map(|id| format!("[[fault]]\nkill = {id}\nat = \"1s\"\n")).collect();
     let [fast, slow] = [("100ms", "0%"), ("10s", "30%")].map(|(delay, loss)| {
         let report = run(&format!("{CUBES}{kills}"), delay, loss, 1);
         assert_eq!(report.outcome, "deadlock", "{}", report.reason);
         report.time.virtual_s
     });
-    assert!(fast < 400.0 && slow > 3_000.0, "{fast} {slow}");
+    assert!(fast < 600.0 && slow > 3_000.0, "{fast} {slow}");
 }

@@ -145,11 +145,6 @@ impl Calls {
         }
     }
 
-    /// Returns true if no module is called.
-    pub fn is_idle(&self) -> bool {
-        self.legs.is_empty() && self.sent.is_none() && self.asked.is_none()
-    }
-
     /// Drops the plan if the called module does not come.
     fn watch(&mut self, now: Time, world: &CubeWorld) {
         let Some(sent) = self.sent else { return };

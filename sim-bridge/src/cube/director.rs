@@ -336,7 +336,7 @@ impl Director {
             self.finish(now, Outcome::Livelock);
         } else if is_checked && !self.global_plan.is_under_way() {
             self.call(now, world);
-            let is_idle = now.since(idle_since) > self.stop.stall / LAST_PATIENCE && self.calls.is_idle();
+            let is_idle = now.since(idle_since) > self.stop.stall / LAST_PATIENCE;
             let is_jammed = now.since(unfilled_since) > self.stop.livelock / LAST_PATIENCE;
             let is_healed = self.is_broken() && self.connectivity() != Connectivity::Gradient;
             if (is_idle || is_jammed) && is_healed {

@@ -182,11 +182,8 @@ fn ids(swarm: Swarm<'_>) -> impl Iterator<Item = ModuleId> {
     (0..swarm.known.len() as u32).map(ModuleId)
 }
 
-/// Returns a plan that fills all goal cells or, if none is found, some of them; none if there are too few modules for all.
+/// Returns a plan that fills all goal cells or, if none is found, some of them.
 fn plan(snapshot: &StandstillSnapshot) -> Option<VecDeque<PlannedMove>> {
-    if snapshot.is_short_of_modules() {
-        return None;
-    }
     let (one_by_one, is_whole) = plan_one_by_one(snapshot);
     let modules = snapshot.modules.len().max(1);
     let searched = || plan_of_any_robot(snapshot, (EFFORT / modules).min(ARRANGEMENTS));
@@ -289,7 +286,7 @@ mod tests {
         assert_eq!(until, at(3) + params.start_within());
     }
 
-    /// Plans are not made for ever, nor for a goal for which there are too few modules.
+    /// Plans are not made for ever, nor if no module can go.
     #[test]
     fn plans_are_bounded() {
         let snapshot = row();

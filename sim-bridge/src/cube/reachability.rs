@@ -115,7 +115,7 @@ impl StandstillSnapshot {
         self.goal.iter().copied().filter(|c| !filled.contains(c)).collect()
     }
     /// Returns true if fewer modules can move than there are goal cells without an immovable module in them.
-    pub(super) fn is_short_of_modules(&self) -> bool {
+    fn is_short_of_modules(&self) -> bool {
         let mut others = self.modules.iter().filter(|m| !self.moves(m, RuleSet::Anything));
         let held = others.clone().filter(|m| self.goal.contains(&m.cell)).count();
         self.modules.len() - others.by_ref().count() + held < self.goal.len()
