@@ -21,12 +21,14 @@ const OF_H2: std::ops::Range<u32> = 14..28;
 /// Two runs at a time would compete for the processors.
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// Runs the scenario `swarm` on the hosts; `disturb` is called when all agents of h2 are up and the first has acted.
-fn run_on(daemons: &Daemons, disturb: impl FnOnce()) -> Report {
+/// Runs the scenario `swarm` on the hosts, until the swarm is built or this scenario time has passed; `disturb` is called when all
+/// agents of h2 are up and the first has acted.
+fn run_on(daemons: &Daemons, timeout: &str, disturb: impl FnOnce()) -> Report {
     let (hosts, journal) = (daemons.path("hosts.toml"), daemons.path("run.journal"));
     let swarm = scenario("swarm.toml").display().to_string();
     let args = ["run", &swarm, "--hosts", &hosts, "--journal", &journal, "--json", "-", "--quiet"];
-    let args = [&args[..], &["--set", "stop.timeout=30s", "--seed", "3"]].concat();
+    let timeout = format!("stop.timeout={timeout}");
+    let args = [&args[..], &["--set", &timeout, "--seed", "3"]].concat();
     let ran = std::thread::scope(|scope| {
         let ran = scope.spawn(|| run_processes(&args));
         let h2 = daemons.pid(0);
@@ -86,7 +88,7 @@ fn a_killed_daemon_takes_its_modules_along_and_the_rest_goes_on() {
     let hosts = fs::read_to_string(daemons.path("hosts.toml")).unwrap();
     fs::write(daemons.path("hosts.toml"), hosts.replace("fence = \"2s\"", "fence = \"3600s\"")).unwrap();
     let h2 = daemons.identity(0);
-    let report = run_on(&daemons, || daemons.signal(0, Signal::KILL));
+    let report = run_on(&daemons, "30s", || daemons.signal(0, Signal::KILL));
     assert_eq!((report.invariants.broken, &report.notes[..]), (0, &[][..]));
     assert!(OF_H2.into_iter().all(|module| was_lost(&report, module)), "{:?}", report.faults);
     assert!(!(0..14).chain(28..41).any(|module| was_lost(&report, module)), "{:?}", report.faults);
@@ -99,7 +101,7 @@ fn a_frozen_daemon_ends_its_share_when_it_is_continued_and_serves_the_next_run()
     let _alone = ALONE.lock();
     let daemons = Daemons::start();
     let root = std::cell::RefCell::new(None);
-    let report = run_on(&daemons, || {
+    let report = run_on(&daemons, "30s", || {
         *root.borrow_mut() = root_of(daemons.pid(0));
         daemons.signal(0, Signal::STOP);
     });
@@ -108,7 +110,7 @@ fn a_frozen_daemon_ends_its_share_when_it_is_continued_and_serves_the_next_run()
     daemons.signal(0, Signal::CONT);
     let root = root.into_inner().unwrap();
     wait_until("its share to end", || left_of(&root).is_empty());
-    let again = run_on(&daemons, || ());
+    let again = run_on(&daemons, "30s", || ());
     assert_eq!((again.outcome.as_str(), &again.notes[..]), ("built", &[][..]));
     daemons.end();
 }
@@ -118,7 +120,7 @@ fn a_frozen_daemon_ends_its_share_when_it_is_continued_and_serves_the_next_run()
 fn a_host_that_is_cut_off_for_longer_than_the_fence_leaves_its_counts() {
     let _alone = ALONE.lock();
     let daemons = Daemons::start();
-    let report = run_on(&daemons, || daemons.cable(0).hold(true, true));
+    let report = run_on(&daemons, "30s", || daemons.cable(0).hold(true, true));
     daemons.cable(0).hold(false, false);
     assert_eq!((report.invariants.broken, &report.notes[..]), (0, &[][..]));
     assert!(OF_H2.into_iter().all(|module| was_lost(&report, module)), "{:?}", report.faults);
@@ -130,7 +132,8 @@ fn a_daemon_that_is_frozen_for_less_than_the_fence_loses_no_module() {
     let _alone = ALONE.lock();
     // Longer than a loaded machine may take to go on with a daemon that is continued.
     let daemons = Daemons::with("silent = \"1s\"\nfence = \"60s\"\n");
-    let report = run_on(&daemons, || {
+    // The daemon is frozen for 26 s of scenario time.
+    let report = run_on(&daemons, "600s", || {
         daemons.signal(0, Signal::STOP);
         std::thread::park_timeout(std::time::Duration::from_millis(1_300));
         daemons.signal(0, Signal::CONT);
