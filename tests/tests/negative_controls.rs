@@ -126,7 +126,7 @@ fn calling_two_modules_at_once_is_found() {
     let call = |from: Cell, support, heading| {
         let motion = Motion { kind: MotionKind::Convex, support, heading };
         let way = Way::new(from, &[Step { motion, is_vouched: false }]).unwrap();
-        Order::Call { epoch, until: Time::ZERO + Span::secs(9), way, is_alone: true }
+        Order::Call { epoch, until: Time::ZERO + Span::secs(9), way }
     };
     let ids = || (0..row.len() as u32).map(ModuleId);
     let calls = [

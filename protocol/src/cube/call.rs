@@ -117,8 +117,6 @@ impl Way {
 pub(super) struct Called {
     until: Time,
     way: Way,
-    /// True if nothing else moves until the call ends.
-    is_alone: bool,
     /// The number of steps made.
     made: u8,
 }
@@ -131,15 +129,15 @@ impl Called {
 
 impl Cube {
     /// Takes a call, if the module stands where it begins. It replaces the call before.
-    pub(super) fn on_call(&mut self, now: Time, epoch: Epoch, until: Time, way: Way, is_alone: bool) {
+    pub(super) fn on_call(&mut self, now: Time, epoch: Epoch, until: Time, way: Way) {
         let fits = epoch == self.own.epoch && way.from() == self.own.cell && self.moving.is_none();
-        if !fits || until <= now || self.own.role == Role::Final || is_alone != self.own.is_closed {
+        if !fits || until <= now || self.own.role == Role::Final {
             return;
         }
         hit(CoveragePoint::CubeCalled);
         self.abort_attempt(now, None);
         self.planner.end_back_off(now);
-        self.called = Some(Box::new(Called { until, way, is_alone, made: 0 }));
+        self.called = Some(Box::new(Called { until, way, made: 0 }));
         self.touch();
         self.decide_soon(now);
     }
@@ -165,13 +163,8 @@ impl Cube {
     /// Returns the latest start of a motion that is asked for now.
     pub(super) fn latest_start(&self, now: Time, motion: Motion) -> Time {
         let latest = now + self.own.params().start_within();
-        let is_vouched = self.is_called_alone() || self.sides.is_certified_dead(motion.support);
+        let is_vouched = self.own.is_closed || self.sides.is_certified_dead(motion.support);
         self.call_ends().filter(|_| is_vouched).map_or(latest, |ends| ends.min(latest))
-    }
-
-    /// Returns true if the module is called while nothing else moves.
-    pub(super) fn is_called_alone(&self) -> bool {
-        self.called.as_ref().is_some_and(|called| called.is_alone)
     }
 
     /// Forgets a call that is over.
@@ -205,7 +198,7 @@ impl Cube {
     pub(super) fn called_motion(&self) -> Option<Motion> {
         let step = self.called.as_ref()?.next()?;
         let motion = step.motion;
-        if self.is_called_alone() {
+        if self.own.is_closed {
             return Some(motion);
         }
         let is_certain = motion.kind == MotionKind::Convex || step.is_vouched;
@@ -264,7 +257,7 @@ mod tests {
             );
         }
         let way = Way::new(from, &[step]).unwrap();
-        cube.handle(now, Input::Order(Order::Call { epoch, until: now + lasts, way, is_alone: false }));
+        cube.handle(now, Input::Order(Order::Call { epoch, until: now + lasts, way }));
         std::iter::from_fn(|| cube.poll()).find_map(|output| match output {
             Output::Act(action) => Some(action),
             _ => None,
@@ -283,14 +276,14 @@ mod tests {
         assert_eq!(first_motion(true, around, HERE, Cell::new(0, 0, 1)), None, "it begins elsewhere");
     }
 
-    /// In a closed epoch a module moves only if it is called, and then it asks none. Such a call is for closed epochs only.
+    /// In a closed epoch a module moves only if it is called, and then it asks none; in others it asks its neighbour.
     #[test]
     fn a_module_moves_in_a_closed_epoch_when_it_is_called() {
         let seed = Cell::new(0, 9, 0);
         let goal = Goal::compile(&[seed, Cell::new(0, 10, 0)], seed, Growth::Solid).unwrap();
         let params = Params::scaled(Span::secs(1), Span::millis(10), 100);
         let step = step(MotionKind::Convex, false);
-        let moves = |is_closed, is_alone: Option<bool>| {
+        let moves = |is_closed, is_called| {
             let mut cube = Cube::first(Setup { params: params.clone(), goals: vec![goal.clone()] });
             let (epoch, now) = (HERE.reopened().unwrap(), Time::ZERO + Span::secs(9));
             let until = now + Span::secs(5);
@@ -300,9 +293,9 @@ mod tests {
             cube.handle(now, Input::Order(Order::Goal(Opening { epoch, opened: now, is_closed })));
             let steering = Steering::GoTo(Cell::new(5, 0, 0));
             cube.handle(now, Input::Order(Order::Steer { steering, until }));
-            if let Some(is_alone) = is_alone {
+            if is_called {
                 let way = Way::new(Cell::default(), &[step]).unwrap();
-                cube.handle(now, Input::Order(Order::Call { epoch, until, way, is_alone }));
+                cube.handle(now, Input::Order(Order::Call { epoch, until, way }));
             }
             let actions = std::iter::from_fn(|| cube.poll()).filter_map(|output| match output {
                 Output::Act(action) => Some((action.motion, action.not_after <= until)),
@@ -310,10 +303,9 @@ mod tests {
             });
             actions.last()
         };
-        assert_eq!(moves(true, Some(true)), Some((step.motion, true)));
-        assert_eq!(moves(true, None), None);
-        assert_eq!(moves(true, Some(false)), None, "it has to be called alone");
-        assert_eq!(moves(false, Some(true)), None, "others may move");
+        assert_eq!(moves(true, true), Some((step.motion, true)));
+        assert_eq!(moves(true, false), None);
+        assert_eq!(moves(false, true), None, "others may move");
     }
 
     /// A module that is asked to carry a called one stays and keeps the cell free, and says so.
@@ -355,7 +347,7 @@ mod tests {
         assert_eq!(way.steps().collect::<Vec<Step>>(), steps);
         assert_eq!(Way::new(Cell::default(), &[]), None);
         assert_eq!(Way::new(Cell::default(), &[steps[0]; MAX_STEPS + 1]), None);
-        let order = Order::Call { epoch: HERE, until: Time(2), way, is_alone: true };
+        let order = Order::Call { epoch: HERE, until: Time(2), way };
         assert!(order.wire_len() <= HEADER + PAYLOAD);
         // A heading along the support is no motion.
         let motion = Motion { heading: Face::Down, ..steps[0].motion };

@@ -40,7 +40,8 @@ pub enum Order {
         /// The end of its lease.
         until: Time,
     },
-    /// Walk along this way, and stay at its end, since nothing moves any more.
+    /// Walk along this way, and stay at its end, since nothing moves any more. In a closed epoch nothing else moves until the call
+    /// ends, and the module asks no other one.
     Call {
         /// The epoch for which this holds.
         epoch: Epoch,
@@ -48,8 +49,6 @@ pub enum Order {
         until: Time,
         /// The way.
         way: Way,
-        /// True if nothing else moves until the call ends: the epoch is closed, and the module asks no other one.
-        is_alone: bool,
     },
     /// Stay, and keep a cell free for a module that is called over a dead one and cannot ask for it itself.
     Carry {
@@ -135,10 +134,9 @@ impl Wire for Order {
                 steering.encode(out);
                 out.u64(until.0);
             }
-            Order::Call { epoch, until, way, is_alone } => {
+            Order::Call { epoch, until, way } => {
                 epoch.encode(out);
                 out.time(*until);
-                out.bool(*is_alone);
                 way.encode(out);
             }
             Order::Carry { epoch, mover, token, face } => {
@@ -168,8 +166,7 @@ impl Wire for Order {
             })),
             3 => Ok(Order::Steer { steering: Steering::decode(from)?, until: Time(from.u64()?) }),
             4 => {
-                let (epoch, until, is_alone) = (Epoch::decode(from)?, from.time()?, from.bool("alone")?);
-                Ok(Order::Call { epoch, until, way: Way::decode(from)?, is_alone })
+                Ok(Order::Call { epoch: Epoch::decode(from)?, until: from.time()?, way: Way::decode(from)? })
             }
             5 => Ok(Order::Carry {
                 epoch: Epoch::decode(from)?,

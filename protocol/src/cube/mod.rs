@@ -431,7 +431,7 @@ impl Cube {
                 }
             }
             Order::Steer { steering, until } => self.on_steering(now, steering, until),
-            Order::Call { epoch, until, way, is_alone } => self.on_call(now, epoch, until, way, is_alone),
+            Order::Call { epoch, until, way } => self.on_call(now, epoch, until, way),
             Order::Carry { epoch, mover, token, face } => {
                 self.on_carry(now, epoch, mover, token, face);
             }

@@ -57,7 +57,7 @@ impl Cube {
             search: None,
         });
         self.planner.waiting_since.get_or_insert(now);
-        if self.is_called_alone() {
+        if self.own.is_closed {
             return self.launch_if_granted(now);
         }
         if self.own.role == Role::Reserve
@@ -348,14 +348,14 @@ impl Cube {
 
     pub(super) fn launch_if_granted(&mut self, now: Time) {
         let ready = self.attempt.as_ref().is_some_and(|a| {
-            let needs_none = self.is_called_alone() || self.sides.is_certified_dead(a.motion.support);
+            let needs_none = self.own.is_closed || self.sides.is_certified_dead(a.motion.support);
             let is_asked = needs_none || !a.requests.is_empty();
             a.search.is_none() && is_asked && a.requests.iter().all(|r| r.granted)
         });
         if !ready {
             return;
         }
-        let is_checked = self.own.role == Role::Reserve && !self.is_called_alone();
+        let is_checked = self.own.role == Role::Reserve && !self.own.is_closed;
         let held = if is_checked { self.may_leave(now).err() } else { None };
         let fenced = !self.own.has(Defect::NoDeadline);
         let late = fenced && self.attempt.as_ref().is_some_and(|a| now > a.deadline);

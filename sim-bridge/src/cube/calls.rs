@@ -194,7 +194,7 @@ impl Calls {
         let arrives_by = until + params.move_time * 2;
         let (from, to) = (way.from(), way.to());
         self.sent = Some(Sent { module, from, to, leaves_by: until, until: arrives_by });
-        commands.push_back(Command::Order(module, Order::Call { epoch, until, way, is_alone: false }));
+        commands.push_back(Command::Order(module, Order::Call { epoch, until, way }));
     }
 
     fn call(
@@ -228,7 +228,7 @@ impl Calls {
         let until = if self.legs.is_empty() { arrives_by + params.out_of_turn_after } else { arrives_by };
         let leaves_by = now + params.move_time * TO_SET_OUT;
         self.sent = Some(Sent { module, from: way.from(), to: way.to(), leaves_by, until });
-        commands.push_back(Command::Order(module, Order::Call { epoch, until, way, is_alone: false }));
+        commands.push_back(Command::Order(module, Order::Call { epoch, until, way }));
     }
 
     /// Returns the parts of a plan that fills one more cell: of the module with the shortest way or, in a small swarm, of

@@ -2,6 +2,7 @@
 
 use crate::cube::audit::note;
 use crate::cube::invariants::{self, BEST_HOLDER_STAYS, DEAD_HELD, HOLDER_DESCENDS};
+use crate::cube::reachability::spread;
 use crate::cube::world::CubeWorld;
 use crate::kernel::audited::Agents;
 use crate::world::invariants::Violation;
@@ -70,8 +71,7 @@ impl CubeWorld {
     /// Checks that a dead module is held.
     fn audit_dead(&self, now: Time, dead: ModuleId, agents: &Agents<'_, Cube>, found: &mut Vec<Violation>) {
         let Some(last) = agents.last(dead).filter(|_| !self.is_moving(dead)) else { return };
-        let beside = Face::ALL.into_iter().filter_map(|f| Some((self.neighbour(dead, f)?, f.opposite())));
-        let beside: Vec<(ModuleId, Face)> = beside.filter(|(id, _)| !self.is_moving(*id)).collect();
+        let beside: Vec<(ModuleId, Face)> = self.resting_beside(dead).collect();
         // Growth starts from the seed: the module there hangs on no other, whatever it has forgotten.
         let was_root = last.role() == Role::Final || last.is_root();
         let is_root_for = |(id, _): &(ModuleId, Face)| {
@@ -89,7 +89,10 @@ impl CubeWorld {
         let holds = |(id, face): &&(ModuleId, Face)| {
             is_dead_parent(*id, *face) || self.stays(now, *id, *face, agents)
         };
-        let holders = beside.iter().filter(holds).count().max(self.holders_of_cluster(now, dead, agents));
+        let holders = match beside.iter().filter(holds).count() {
+            0 => self.holders_of_cluster(now, dead, agents),
+            holders => holders,
+        };
         note(found, DEAD_HELD, now, dead, invariants::dead_held(holders));
         let at = self.cell(dead);
         let all = (dead, at, Time::ZERO, Epoch::default())..=(dead, at, Time::NEVER, Epoch::LAST);
@@ -101,31 +104,25 @@ impl CubeWorld {
         note(found, BEST_HOLDER_STAYS, now, dead, invariants::best_holder_stays(stays));
     }
 
-    /// Returns the number of modules that stay for one of the dead that hang together with a dead module, if only dead ones touch
-    /// it. Dead modules stay, so they hold each other.
+    /// Iterates over the resting neighbours of a module, each with the face on which it has the module.
+    fn resting_beside(&self, id: ModuleId) -> impl Iterator<Item = (ModuleId, Face)> {
+        let beside = Face::ALL.into_iter().filter_map(move |f| Some((self.neighbour(id, f)?, f.opposite())));
+        beside.filter(|(id, _)| !self.is_moving(*id))
+    }
+
+    /// Returns the number of modules that stay for one of the dead that hang together with a dead module, if only dead ones and
+    /// walkers touch it. Dead modules stay, so they hold each other.
     fn holders_of_cluster(&self, now: Time, dead: ModuleId, agents: &Agents<'_, Cube>) -> usize {
-        let beside = |of: ModuleId| {
-            let touching =
-                Face::ALL.into_iter().filter_map(move |f| Some((self.neighbour(of, f)?, f.opposite())));
-            touching.filter(|(id, _)| !self.is_moving(*id))
-        };
-        let is_dead = |id: ModuleId| agents.get(id).is_none();
-        let may_hold =
-            |(id, _): (ModuleId, Face)| agents.get(id).is_some_and(|cube| cube.role() != Role::Walker);
-        if beside(dead).any(may_hold) {
+        let may_hold = |(id, _)| agents.get(id).is_some_and(|cube| cube.role() != Role::Walker);
+        if self.resting_beside(dead).any(may_hold) {
             return 0;
         }
-        let (mut cluster, mut next) = (vec![dead], 0);
-        while let Some(at) = cluster.get(next).copied() {
-            next += 1;
-            for (id, _) in beside(at).filter(|(id, _)| is_dead(*id)) {
-                if !cluster.contains(&id) {
-                    cluster.push(id);
-                }
-            }
-        }
-        let stays = |(id, face): &(ModuleId, Face)| !is_dead(*id) && self.stays(now, *id, *face, agents);
-        cluster.into_iter().flat_map(beside).filter(stays).count()
+        let is_dead = |id: &ModuleId| agents.get(*id).is_none() && !self.is_moving(*id);
+        let dead_in = |cell: &Cell| self.body_at(*cell).filter(is_dead);
+        let cluster = spread([self.cell(dead)].into_iter(), &|cell| dead_in(cell).is_some());
+        let stays = |(id, face): &(ModuleId, Face)| !is_dead(id) && self.stays(now, *id, *face, agents);
+        let touching = cluster.iter().filter_map(dead_in).flat_map(|id| self.resting_beside(id));
+        touching.filter(stays).count()
     }
 
     /// Returns true if a module cannot leave the dead module on a face: either the last state of its agent keeps the

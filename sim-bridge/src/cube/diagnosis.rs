@@ -288,14 +288,15 @@ fn surface(
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::director::reason::Reason;
     use metamorph_protocol::goal::Growth;
     use metamorph_protocol::lattice::Face;
     use metamorph_protocol::time::Span;
 
-    fn status(role: Role, wants: u8, waits_for: Option<u32>, pinned: bool) -> Status {
+    /// Returns a report of an attached module in the first epoch.
+    pub fn status(role: Role, wants: u8, waits_for: Option<u32>, pinned: bool) -> Status {
         Status {
             epoch: Epoch::first(0),
             role,

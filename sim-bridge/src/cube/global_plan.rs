@@ -95,7 +95,7 @@ impl GlobalPlan {
             return false;
         }
         self.plans += 1;
-        let is_at_rest = ids(swarm).all(|id| !world.is_moving(id));
+        let is_at_rest = is_at_rest(world, swarm);
         self.phase = if is_at_rest { plan(&snapshot()).map(Phase::Leading) } else { Some(Phase::Waiting) };
         if self.phase.is_none() {
             self.plans = MOST_PLANS;
@@ -132,7 +132,7 @@ impl GlobalPlan {
             self.rest_by = now + swarm.params.move_time * TO_REST;
         }
         let has_reported = |k: &Known| !k.alive || k.status.is_some_and(|s| s.epoch == swarm.epoch);
-        let is_still = || ids(swarm).all(|id| !world.is_moving(id)) && swarm.known.iter().all(has_reported);
+        let is_still = || is_at_rest(world, swarm) && swarm.known.iter().all(has_reported);
         if last_fault != self.of.1 || self.refused > MOST_REFUSED || now > self.rest_by {
             self.phase = None;
         } else if is_still() {
@@ -141,7 +141,7 @@ impl GlobalPlan {
             }
             self.leg = self.next_leg(now, world, swarm);
             if let Some(Leg { way, mover, until }) = self.leg {
-                let call = Order::Call { epoch: swarm.epoch, until, way, is_alone: true };
+                let call = Order::Call { epoch: swarm.epoch, until, way };
                 commands.push_back(Command::Order(mover, call));
             } else {
                 self.phase = None;
@@ -161,8 +161,8 @@ impl GlobalPlan {
     /// Counts the steps that a called module has made.
     fn count(&mut self, leg: Leg, world: &CubeWorld) {
         let at = world.cell(leg.mover);
-        let passed = leg.way.cells().position(|cell| cell == at).unwrap_or(0);
-        let made = if at == leg.way.to() { leg.way.steps().count() } else { passed };
+        let reached = leg.way.cells().enumerate().filter(|(_, cell)| *cell == at).last();
+        let made = reached.map_or(0, |(steps, _)| steps);
         if let Some(Phase::Leading(moves)) = &mut self.phase {
             moves.drain(..made.min(moves.len()));
         }
@@ -178,8 +178,8 @@ impl Leg {
     }
 }
 
-fn ids(swarm: Swarm<'_>) -> impl Iterator<Item = ModuleId> {
-    (0..swarm.known.len() as u32).map(ModuleId)
+fn is_at_rest(world: &CubeWorld, swarm: Swarm<'_>) -> bool {
+    (0..swarm.known.len() as u32).all(|id| !world.is_moving(ModuleId(id)))
 }
 
 /// Returns a plan that fills all goal cells or, if none is found, some of them.
@@ -195,6 +195,7 @@ fn plan(snapshot: &StandstillSnapshot) -> Option<VecDeque<PlannedMove>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cube::diagnosis::tests::status;
     use crate::cube::reachability::ModuleSnapshot;
     use metamorph_protocol::cube::control::Status;
     use metamorph_protocol::cube::epoch::Epoch;
@@ -214,48 +215,26 @@ mod tests {
     }
 
     fn reported(epoch: Epoch) -> Known {
-        let status = Status {
-            epoch,
-            role: Role::Reserve,
-            attached: true,
-            immobile: false,
-            pinned: false,
-            attracted: false,
-            wants: 0,
-            subtree: 0,
-            prevented: 0,
-            waits_for: None,
-            carries: None,
-            custody: [Time::ZERO; 6],
-        };
+        let status = Status { epoch, ..status(Role::Reserve, 0, None, false) };
         Known { alive: true, restarted: false, status: Some(status) }
     }
 
-    /// A row that is to become a tower: the module at its end goes first.
-    fn row() -> StandstillSnapshot {
-        let module = |x| ModuleSnapshot {
-            cell: Cell::new(x, 0, 0),
-            alive: true,
-            stuck: false,
-            walker: false,
-            finalized: false,
-            held_for_good: false,
-            pinned: false,
-            unattached: false,
-        };
+    /// A row that is to become a tower, and its world: the module at its end goes first.
+    fn row() -> (StandstillSnapshot, CubeWorld, Params) {
+        let module = |x| ModuleSnapshot { cell: Cell::new(x, 0, 0), ..ModuleSnapshot::LIVE };
         let goal: Vec<Cell> = (0..3).map(|z| Cell::new(0, 0, z)).collect();
-        let modules = (0..4).map(module).collect();
-        StandstillSnapshot { modules, seed: goal[0], goal, filled: 1, spared_by_live: false }
+        let modules: Vec<ModuleSnapshot> = (0..4).map(module).collect();
+        let cells: Vec<Cell> = modules.iter().map(|m| m.cell).collect();
+        let snapshot = StandstillSnapshot { modules, seed: goal[0], goal, filled: 1, spared_by_live: false };
+        let params = Params::scaled(Span::secs(1), Span::millis(10), 100);
+        (snapshot, CubeWorld::new(&cells, Span::secs(1), 1), params)
     }
 
     /// No module is called before all have reported the closed epoch, nor while another call lasts; and a plan goes on until
     /// its last call is over, whatever breaks.
     #[test]
     fn modules_are_called_one_at_a_time() {
-        let snapshot = row();
-        let cells: Vec<Cell> = snapshot.modules.iter().map(|m| m.cell).collect();
-        let world = CubeWorld::new(&cells, Span::secs(1), 1);
-        let params = Params::scaled(Span::secs(1), Span::millis(10), 100);
+        let (snapshot, world, params) = row();
         let (mut known, mut global_plan) = (vec![reported(CLOSED); 4], GlobalPlan::default());
         known[1] = reported(OPEN);
         let at = |s| Time::ZERO + Span::secs(s);
@@ -278,21 +257,17 @@ mod tests {
         assert_eq!(lead(at(5), at(5), &known), (true, 1), "something breaks, and the call lasts");
         let over = at(3) + params.start_within() + Span(1);
         assert_eq!(lead(over, at(5), &known), (false, 1));
-        let Some(Command::Order(mover, Order::Call { until, way, is_alone, .. })) = commands.pop_front()
-        else {
+        let Some(Command::Order(mover, Order::Call { epoch, until, way })) = commands.pop_front() else {
             panic!("a module is called");
         };
-        assert_eq!((mover, way.from(), is_alone), (ModuleId(3), cells[3], true));
+        assert_eq!((mover, way.from(), epoch), (ModuleId(3), snapshot.modules[3].cell, CLOSED));
         assert_eq!(until, at(3) + params.start_within());
     }
 
     /// Plans are not made for ever, nor if no module can go.
     #[test]
     fn plans_are_bounded() {
-        let snapshot = row();
-        let cells: Vec<Cell> = snapshot.modules.iter().map(|m| m.cell).collect();
-        let world = CubeWorld::new(&cells, Span::secs(1), 1);
-        let params = Params::scaled(Span::secs(1), Span::millis(10), 100);
+        let (snapshot, world, params) = row();
         let known = vec![reported(CLOSED); 4];
         let mut global_plan = GlobalPlan::default();
         let mut begins = |fault, snapshot: &StandstillSnapshot| {

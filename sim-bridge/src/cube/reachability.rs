@@ -34,6 +34,21 @@ pub struct ModuleSnapshot {
     pub unattached: bool,
 }
 
+#[cfg(test)]
+impl ModuleSnapshot {
+    /// A live module at the origin, with nothing to keep it.
+    pub(super) const LIVE: ModuleSnapshot = ModuleSnapshot {
+        cell: Cell::new(0, 0, 0),
+        alive: true,
+        stuck: false,
+        walker: false,
+        finalized: false,
+        held_for_good: false,
+        pinned: false,
+        unattached: false,
+    };
+}
+
 /// The input of a search: the modules at a standstill, and the goal.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StandstillSnapshot {
@@ -406,7 +421,7 @@ pub(super) fn are_together(cells: &[Cell], counts: &dyn Fn(&Cell) -> bool) -> bo
 }
 
 /// Returns `from` and the cells connected with it through cells that `counts` accepts.
-fn spread(from: impl Iterator<Item = Cell>, counts: &dyn Fn(&Cell) -> bool) -> BTreeSet<Cell> {
+pub(super) fn spread(from: impl Iterator<Item = Cell>, counts: &dyn Fn(&Cell) -> bool) -> BTreeSet<Cell> {
     let mut reached: BTreeSet<Cell> = from.collect();
     let mut front: Vec<Cell> = reached.iter().copied().collect();
     while let Some(at) = front.pop() {
@@ -428,19 +443,8 @@ pub(super) fn motions() -> impl Iterator<Item = Motion> {
 mod tests {
     use super::*;
 
-    const LIVE: ModuleSnapshot = ModuleSnapshot {
-        cell: Cell::new(0, 0, 0),
-        alive: true,
-        stuck: false,
-        walker: false,
-        finalized: false,
-        held_for_good: false,
-        pinned: false,
-        unattached: false,
-    };
-
     fn at(x: i16, y: i16, z: i16) -> ModuleSnapshot {
-        ModuleSnapshot { cell: Cell::new(x, y, z), ..LIVE }
+        ModuleSnapshot { cell: Cell::new(x, y, z), ..ModuleSnapshot::LIVE }
     }
     fn root(x: i16, y: i16, z: i16) -> ModuleSnapshot {
         ModuleSnapshot { finalized: true, ..at(x, y, z) }
@@ -543,7 +547,7 @@ mod tests {
                 }
             }
             let mut modules: Vec<ModuleSnapshot> =
-                cells.iter().map(|c| ModuleSnapshot { cell: *c, ..LIVE }).collect();
+                cells.iter().map(|c| ModuleSnapshot { cell: *c, ..ModuleSnapshot::LIVE }).collect();
             modules[0].finalized = true;
             for module in &mut modules[1..] {
                 module.alive = random.below(3) > 0;

@@ -172,16 +172,7 @@ mod tests {
     use crate::cube::reachability::ModuleSnapshot;
 
     fn module(cell: Cell, alive: bool) -> ModuleSnapshot {
-        ModuleSnapshot {
-            cell,
-            alive,
-            stuck: false,
-            walker: false,
-            finalized: false,
-            held_for_good: false,
-            pinned: false,
-            unattached: false,
-        }
+        ModuleSnapshot { cell, alive, ..ModuleSnapshot::LIVE }
     }
     fn snapshot(modules: Vec<ModuleSnapshot>, goal: Vec<Cell>, seed: Cell) -> StandstillSnapshot {
         StandstillSnapshot { modules, goal, seed, filled: 0, spared_by_live: false }

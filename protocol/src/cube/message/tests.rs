@@ -112,7 +112,7 @@ fn every_message_survives_the_wire_and_knows_its_length() {
         is_vouched: true,
     };
     let way = Way::new(Cell::new(-1, 0, 2), &[step; 3]).unwrap();
-    let call = Order::Call { epoch: Epoch::first(1), until: Time(9), way, is_alone: true };
+    let call = Order::Call { epoch: Epoch::first(1), until: Time(9), way };
     let carry =
         Order::Carry { epoch: Epoch::first(1), mover: ModuleId(7), token: Token(8), face: Face::West };
     let again = Opening { epoch: Epoch::first(3).reopened().unwrap(), opened: Time(8), is_closed: true };

@@ -51,9 +51,8 @@ impl Worded for Cube {
                 Steering::Hold => format!("an operator commands: stay until {until}"),
                 Steering::GoTo(cell) => format!("an operator commands: go to {cell}, until {until}"),
             },
-            CubeOrder::Call { until, way, is_alone, .. } => {
-                let alone = if *is_alone { ", while all others stay" } else { "" };
-                format!("it is called from {} to {}, until {until}{alone}", way.from(), way.to())
+            CubeOrder::Call { until, way, .. } => {
+                format!("it is called from {} to {}, until {until}", way.from(), way.to())
             }
             CubeOrder::Carry { mover, face, .. } => {
                 format!("stay, and keep the cell at {} free for module {mover}", side(*face))
