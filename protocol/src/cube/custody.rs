@@ -298,20 +298,21 @@ mod tests {
     }
 
     #[test]
-    fn a_registered_child_is_no_proof() {
-        let child_dies = |defect| {
+    fn what_the_dead_last_said_is_no_proof() {
+        let dies_after = |defect, said: fn(&mut Beacon)| {
             let mut bench = Bench::new(defect);
             let (port, session) = (Port(DEAD as u8), Session(2));
             bench.hand_in(Input::Contact { port, session: Some(session) });
-            bench.speaks(DEAD, Rank { rooted: Time::ZERO, label: 5 }, |b| {
-                b.claim = Claim::Parent(crate::ids::Token(1))
-            });
-            assert!(bench.cube.has_child(DEAD));
+            bench.speaks(DEAD, Rank { rooted: Time::ZERO, label: 5 }, said);
+            let is_child = bench.cube.has_child(DEAD);
             bench.condemn(session);
-            bench.has_announced()
+            (is_child, bench.has_announced(), bench.is_free())
         };
-        assert!(!child_dies(None));
-        assert!(child_dies(Some(Defect::ChildProves)));
+        let is_child = |b: &mut Beacon| b.claim = Claim::Parent(crate::ids::Token(1));
+        let is_carried = |b: &mut Beacon| (b.role, b.supported_here) = (Role::Walker, true);
+        assert_eq!(dies_after(None, is_child), (true, false, false));
+        assert_eq!(dies_after(Some(Defect::ChildProves), is_child), (true, true, false));
+        assert_eq!(dies_after(None, is_carried), (false, false, false));
     }
 
     #[test]

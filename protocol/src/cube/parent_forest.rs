@@ -186,13 +186,11 @@ impl ParentForest {
     }
     /// Returns true if it is proved that this module's path does not lead over a dead neighbour, and never will.
     fn is_above_dead(&self, v: View<'_>, face: Face, died: Time) -> bool {
-        let is_carried = || v.peer(face).is_some_and(|b| b.role == Role::Walker && b.supported_here);
         let is_child = || self.child(face).is_some();
         v.own.role == Role::Final
             || (self.is_attached(v)
                 && self.parent != Some(face)
                 && (self.rank.rooted > died
-                    || is_carried()
                     || v.has(Defect::LetGoUnproved)
                     || (v.has(Defect::ChildProves) && is_child())))
     }

@@ -125,10 +125,13 @@ impl CubeWorld {
         touching.filter(stays).count()
     }
 
-    /// Returns true if a module cannot leave the dead module on a face: either the last state of its agent keeps the
-    /// dead module, or the agent, which is stopped or dead, has not heard of this contact yet and cannot begin a move.
+    /// Returns true if a module cannot leave the dead module on a face: the last state of its agent keeps the dead module or
+    /// works in a closed epoch, in which a module leaves only when no other moves; or the agent, which is stopped or dead,
+    /// has not heard of this contact yet and cannot begin a move.
     fn stays(&self, now: Time, id: ModuleId, face: Face, agents: &Agents<'_, Cube>) -> bool {
-        let stays = |cube: &Cube| !self.has_heard_of_contact(cube, id, face) || cube.keeps(now, face);
+        let stays = |cube: &Cube| {
+            cube.is_closed() || !self.has_heard_of_contact(cube, id, face) || cube.keeps(now, face)
+        };
         agents.last(id).is_some_and(stays)
     }
 
