@@ -66,19 +66,18 @@ pub struct Way {
 
 /// The ways to hand the element over to a foothold from one grip to another.
 #[derive(Clone, Debug)]
-pub struct Link {
+struct Link {
     /// The foothold of the receiver.
-    pub to: Foothold,
+    to: Foothold,
     /// The ways, ascending.
     ways: Arc<[Way]>,
 }
 
 impl Link {
     /// Returns the ways from a set of postures of the holder.
-    pub fn ways_from(&self, hold: &Hold) -> &[Way] {
-        let holder = (hold.grip, hold.set);
-        let first = self.ways.partition_point(|w| w.holder < holder);
-        let count = self.ways[first..].partition_point(|w| w.holder == holder);
+    fn ways_from(&self, set: u16) -> &[Way] {
+        let first = self.ways.partition_point(|w| w.holder.1 < set);
+        let count = self.ways[first..].partition_point(|w| w.holder.1 == set);
         &self.ways[first..first + count]
     }
 }
@@ -100,7 +99,10 @@ pub struct Scene {
     empty: Vec<Sets>,
     /// By foothold and grip.
     holding: Vec<Vec<Sets>>,
-    links: Vec<Vec<Link>>,
+    /// By foothold and grip.
+    links: Vec<Vec<Vec<Link>>>,
+    /// By foothold, the cells of the motion database that the terrain blocks.
+    blocked: Vec<CellSet>,
     /// Sets of empty postures by what is blocked.
     known: Mutex<HashMap<CellSet, Sets>>,
 }
@@ -151,6 +153,7 @@ impl Scene {
             empty: Vec::new(),
             holding: Vec::new(),
             links: Vec::new(),
+            blocked: Vec::new(),
             known: Mutex::default(),
             footholds,
             database,
@@ -187,9 +190,10 @@ impl Scene {
     pub fn landings(&self, foothold: Foothold) -> &[Landing] {
         &self.landings[usize::from(foothold)]
     }
-    /// Returns the links from a foothold.
-    pub fn links(&self, foothold: Foothold) -> &[Link] {
-        &self.links[usize::from(foothold)]
+    /// Iterates over the ways to hand the element over from a hold, each with the foothold of the receiver.
+    pub fn ways_from(&self, hold: &Hold) -> impl Iterator<Item = (Foothold, &Way)> {
+        let (links, set) = (&self.links[usize::from(hold.foothold)][usize::from(hold.grip)], hold.set);
+        links.iter().flat_map(move |link| link.ways_from(set).iter().map(|way| (link.to, way)))
     }
     /// Returns the sets of empty postures at a foothold without other bodies.
     pub fn empty(&self, foothold: Foothold) -> &Sets {
@@ -268,21 +272,21 @@ impl Scene {
         sets
     }
 
-    /// Returns the cells of the motion database that are blocked at a foothold.
-    pub fn blocked(&self, foothold: Foothold, is_taken: impl Fn(Cell) -> bool) -> CellSet {
-        let pose = self.pose(foothold);
-        let taken = |cell: &Cell| {
-            let cell = world_cell(pose, *cell);
-            self.terrain.is_blocked(cell) || is_taken(cell)
-        };
-        self.database.cell_set(self.database.cells().iter().copied().filter(taken))
+    /// Returns the cells of the motion database that are blocked at a foothold, by the terrain or because they are taken.
+    pub fn blocked(&self, foothold: Foothold, taken: &BTreeSet<Cell>) -> CellSet {
+        let from = self.pose(foothold).inverse();
+        let taken = taken.iter().map(|cell| world_cell(from, *cell));
+        self.blocked[usize::from(foothold)].union(&self.database.cell_set(taken))
     }
 
     fn make_sets(&mut self) {
         let mut known: HashMap<(u8, Face, Vec<u64>), Sets> = HashMap::new();
-        for (foothold, pose) in self.footholds.clone().into_iter().enumerate() {
-            let blocked = self.blocked(foothold as Foothold, |_| false);
+        for pose in self.footholds.clone() {
+            let is_blocked = |cell: &Cell| self.terrain.is_blocked(world_cell(pose, *cell));
+            let cells = self.database.cells().iter().copied();
+            let blocked = self.database.cell_set(cells.filter(is_blocked));
             self.empty.push(self.empty_among(&blocked));
+            self.blocked.push(blocked);
             let down = gravity(pose);
             let mut of_grips = Vec::new();
             for (grip, carry) in self.carry.iter().enumerate() {
@@ -322,7 +326,7 @@ impl Scene {
     fn make_links(&mut self, index: &HashMap<LatticePose, Foothold>) {
         let mut known: HashMap<SameWays, Arc<[Way]>> = HashMap::new();
         for from in 0..self.footholds.len() as Foothold {
-            let mut links = Vec::new();
+            let mut links = vec![Vec::new(); self.carry.len()];
             for (grips, table) in &self.handovers {
                 for (relative, pairs) in &table.pairs {
                     let Some(to) = index.get(&self.pose(from).compose(*relative)) else { continue };
@@ -341,7 +345,7 @@ impl Scene {
                         ways.into()
                     });
                     if !ways.is_empty() {
-                        links.push(Link { to: *to, ways: ways.clone() });
+                        links[usize::from(grips.0)].push(Link { to: *to, ways: ways.clone() });
                     }
                 }
             }

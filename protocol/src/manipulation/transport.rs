@@ -412,12 +412,7 @@ impl Left {
         }
         while let Some(at) = open.pop_front() {
             let next = left.holds[&at] + 1;
-            for link in ground.scene().links(at.foothold).iter().filter(|l| ground.exists(l.to)) {
-                for way in link.ways_from(&at) {
-                    let to = Hold { foothold: link.to, grip: way.receiver.0, set: way.receiver.1 };
-                    reach(&mut left, &mut open, to, next);
-                }
-            }
+            ground.ways_from(&at).for_each(|(to, _)| reach(&mut left, &mut open, to, next));
             for (place, _) in resting.places_of(&at) {
                 if left.places.contains_key(place) {
                     continue;
@@ -495,14 +490,10 @@ impl Space for &Relaxed<'_> {
                 }
                 continue;
             };
-            let links = self.ground.scene().links(held.foothold).iter();
-            for link in links.filter(|l| self.ground.exists(l.to)) {
-                for way in link.ways_from(held) {
-                    let hold = Hold { foothold: link.to, grip: way.receiver.0, set: way.receiver.1 };
-                    let edge = Edge::HandOver { receiver: receiver as u8, to: link.to, way: *way };
-                    let found = self.visit(state, (receiver, before, way.came), (hold, Some(way.left)));
-                    unless_banned(edge, found);
-                }
+            for (hold, way) in self.ground.ways_from(held) {
+                let edge = Edge::HandOver { receiver: receiver as u8, to: hold.foothold, way: *way };
+                let found = self.visit(state, (receiver, before, way.came), (hold, Some(way.left)));
+                unless_banned(edge, found);
             }
         }
     }

@@ -1,6 +1,6 @@
 //! Walks of a metamodule without an element: landings from foothold to foothold, among obstacles.
 
-use super::scene::{Foothold, Scene, Sets};
+use super::scene::{Foothold, Hold, Scene, Sets, Way};
 use super::terrain::GridConnector;
 use crate::lattice::Cell;
 use crate::plan::search::{Method, Search};
@@ -36,6 +36,15 @@ impl<'a> Ground<'a> {
     /// Returns true if the connector of a foothold exists.
     pub fn exists(&self, foothold: Foothold) -> bool {
         self.exists[usize::from(foothold) / 4]
+    }
+
+    /// Iterates over the ways to hand the element over from a hold, each with the hold of the receiver.
+    pub fn ways_from(&self, hold: &Hold) -> impl Iterator<Item = (Hold, &'a Way)> {
+        let ways = self.scene.ways_from(hold).filter(|(to, _)| self.exists(*to));
+        ways.map(|(foothold, way)| {
+            let (grip, set) = way.receiver;
+            (Hold { foothold, grip, set }, way)
+        })
     }
 
     /// Returns the fewest landings between a stand and all others, without obstacles. A walk can be taken backwards.
@@ -145,7 +154,7 @@ impl<'a> Walks<'a> {
             return sets.clone();
         }
         let scene = self.ground.scene;
-        let sets = scene.empty_among(&scene.blocked(foothold, |c| self.obstacles.contains(&c)));
+        let sets = scene.empty_among(&scene.blocked(foothold, &self.obstacles));
         self.sets.borrow_mut().insert(foothold, sets.clone());
         sets
     }
@@ -196,7 +205,7 @@ impl<'a> Walks<'a> {
 
     fn turns(&self, at: Body, to: u16) -> Option<Vec<Motion>> {
         let (scene, table) = (self.ground.scene, self.ground.scene.table());
-        let blocked = scene.blocked(at.foothold, |c| self.obstacles.contains(&c));
+        let blocked = scene.blocked(at.foothold, &self.obstacles);
         let way = table.way_within(&table.reach(at.posture, &blocked), at.posture, to)?;
         let turn = |(posture, (step, _)): (&u16, &(u16, _))| {
             let joint = usize::from(table.steps()[usize::from(*step)].joint);

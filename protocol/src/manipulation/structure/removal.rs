@@ -238,14 +238,7 @@ impl Structure {
             if at != from && comes_to_rest(&at) {
                 return true;
             }
-            for link in scene.links(at.foothold).iter().filter(|l| ground.exists(l.to)) {
-                for way in link.ways_from(&at) {
-                    let to = Hold { foothold: link.to, grip: way.receiver.0, set: way.receiver.1 };
-                    if seen.insert(to) {
-                        open.push_back(to);
-                    }
-                }
-            }
+            open.extend(ground.ways_from(&at).map(|(to, _)| to).filter(|to| seen.insert(*to)));
         }
         false
     }
