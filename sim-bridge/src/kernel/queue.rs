@@ -77,6 +77,8 @@ pub struct Queue<T> {
     number: u64,
     /// Empty lists that keep their memory, for slots that need one.
     spare: Vec<Vec<Entry<T>>>,
+    /// The same for blocks, which hold a thousand times as much as a slot.
+    spare_blocks: Vec<Vec<Entry<T>>>,
 }
 
 impl<T: Copy> Queue<T> {
@@ -97,6 +99,7 @@ impl<T: Copy> Queue<T> {
             beyond: BinaryHeap::new(),
             number: 0,
             spare: Vec::new(),
+            spare_blocks: Vec::new(),
         }
     }
 
@@ -164,7 +167,7 @@ impl<T: Copy> Queue<T> {
     fn put_far(&mut self, block: u64, entry: Entry<T>) {
         let list = &mut self.blocks[(block % BLOCKS) as usize];
         if list.capacity() == 0 {
-            *list = self.spare.pop().unwrap_or_default();
+            *list = self.spare_blocks.pop().unwrap_or_default();
         }
         list.push(entry);
         self.in_blocks += 1;
@@ -218,7 +221,7 @@ impl<T: Copy> Queue<T> {
         for entry in list.drain(..) {
             self.put_near(entry.at.0 >> self.shift, entry);
         }
-        self.spare.push(list);
+        self.spare_blocks.push(list);
         true
     }
 
