@@ -49,7 +49,7 @@ impl CubeWorld {
                 let mine = (cube.custody_key(), id);
                 best.and_modify(|best| *best = mine.min(*best)).or_insert(mine);
             }
-            self.audit_dead(now, dead, agents, found);
+            self.audit_dead(now, dead, cube.seed(), agents, found);
         }
     }
 
@@ -61,15 +61,23 @@ impl CubeWorld {
         agents: &Agents<'_, Cube>,
         found: &mut Vec<Violation>,
     ) {
+        let Some(cube) = agents.get(id) else { return };
         for dead in Face::ALL.into_iter().filter_map(|f| self.neighbour(id, f)) {
             if agents.get(dead).is_none() {
-                self.audit_dead(now, dead, agents, found);
+                self.audit_dead(now, dead, cube.seed(), agents, found);
             }
         }
     }
 
-    /// Checks that a dead module is held.
-    fn audit_dead(&self, now: Time, dead: ModuleId, agents: &Agents<'_, Cube>, found: &mut Vec<Violation>) {
+    /// Checks that a dead module is held, as a module sees it whose goal has this seed.
+    fn audit_dead(
+        &self,
+        now: Time,
+        dead: ModuleId,
+        seed: Cell,
+        agents: &Agents<'_, Cube>,
+        found: &mut Vec<Violation>,
+    ) {
         let Some(last) = agents.last(dead).filter(|_| !self.is_moving(dead)) else { return };
         let beside: Vec<(ModuleId, Face)> = self.resting_beside(dead).collect();
         // Growth starts from the seed: the module there hangs on no other, whatever it has forgotten.
@@ -79,8 +87,9 @@ impl CubeWorld {
                 cube.seed() == self.cell(dead) || (was_root && cube.epoch() <= last.epoch())
             })
         };
+        let is_root = was_root || seed == self.cell(dead);
         let is_touched = beside.iter().any(|(id, _)| agents.get(*id).is_some());
-        if (was_root || is_touched) && beside.iter().all(is_root_for) {
+        if (is_root || is_touched) && beside.iter().all(is_root_for) {
             return;
         }
         // A dead parent stays, and is held itself.
