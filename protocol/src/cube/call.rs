@@ -26,7 +26,7 @@ use crate::wire::{Decoder, Encoder, WireError};
 /// The largest number of steps of a way; a longer one is called in parts.
 pub const MAX_STEPS: usize = 56;
 /// The number of a request that the controller makes for a called module; modules count theirs from zero and never get there.
-const CARRY: u8 = u8::MAX;
+pub(super) const CARRY: u8 = u8::MAX;
 
 /// One motion of a way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -156,7 +156,7 @@ impl Cube {
 
     /// Returns the latest request of the controller that is granted.
     pub(super) fn carries_for_call(&self) -> Option<Token> {
-        let granted = self.locks.iter().filter(|lock| lock.id.number == CARRY);
+        let granted = self.locks.iter().filter(|lock| lock.is_of_controller());
         granted.last().map(|lock| lock.id.token)
     }
 
@@ -167,9 +167,11 @@ impl Cube {
         self.call_ends().filter(|_| is_vouched).map_or(latest, |ends| ends.min(latest))
     }
 
-    /// Forgets a call that is over.
+    /// Forgets a call that is over, and gives up what was asked for it: a module that the controller has asked to carry stays no
+    /// longer.
     pub(super) fn tend_call(&mut self, now: Time) {
         if self.called.take_if(|called| now >= called.until).is_some() {
+            self.abort_attempt(now, None);
             self.touch();
             self.decide_soon(now);
         }
@@ -213,6 +215,7 @@ mod tests {
     use crate::agent::{Agent, Input, Output};
     use crate::cube::control::Order;
     use crate::cube::epoch::Opening;
+    use crate::cube::message::Message;
     use crate::cube::params::{Params, Setup};
     use crate::cube::steering::Steering;
     use crate::goal::{Goal, Growth};
@@ -328,6 +331,10 @@ mod tests {
         let order = |epoch| Input::Order(Order::Carry { epoch, mover, token, face });
         assert_eq!(carries(now, order(HERE.next_goal())), (Some(None), None), "it is for another goal");
         assert_eq!(carries(now, order(HERE)), (Some(Some(token)), Some(mover)));
+        let (port, release) = (Port(Face::East as u8), Message::Release { origin: mover, token });
+        carries(now, Input::Contact { port, session: Some(Session(1)) });
+        let after = carries(now, Input::Message { port, message: release });
+        assert_eq!(after.1, Some(mover), "the attempt of the same number is the mover's own");
         assert_eq!(carries(now + lasts, Input::Wake), (Some(None), None));
     }
 

@@ -1,5 +1,6 @@
 //! Grants to other modules: to stay, and to keep a cell free, each with a lease.
 
+use super::call::CARRY;
 use super::message::RequestId;
 use crate::ids::{ModuleId, Token};
 use crate::lattice::Face;
@@ -20,6 +21,20 @@ pub(super) struct Lock {
     /// The `co_owners` that the last module of the route answered with; `None` until all later modules of the route
     /// have granted.
     pub beyond: Option<u8>,
+}
+
+/// The attempt that a lock belongs to: its origin and token, and whether the controller asked for it. The controller numbers its
+/// requests by itself, so one may have the token of an attempt of the called module.
+type Attempt = (ModuleId, Token, bool);
+
+impl Lock {
+    fn attempt(&self) -> Attempt {
+        (self.id.origin, self.id.token, self.is_of_controller())
+    }
+    /// Returns true if the controller asked for the lock, and not the module that it is granted to.
+    pub fn is_of_controller(&self) -> bool {
+        self.id.number == CARRY
+    }
 }
 
 /// A release that has to be passed on: the face, and the attempt by its origin and token.
@@ -85,13 +100,12 @@ impl LockTable {
     /// releases to pass on.
     pub fn release(&mut self, which: impl Fn(&Lock) -> bool) -> Vec<Forward> {
         let mut forwards: Vec<Forward> = Vec::new();
-        let attempts: Vec<(ModuleId, Token)> =
-            self.locks.iter().filter(|l| which(l)).map(|l| (l.id.origin, l.id.token)).collect();
+        let attempts: Vec<Attempt> = self.locks.iter().filter(|l| which(l)).map(Lock::attempt).collect();
         if attempts.is_empty() {
             return forwards;
         }
         self.locks.retain(|l| {
-            let over = attempts.contains(&(l.id.origin, l.id.token));
+            let over = attempts.contains(&l.attempt());
             if let Some(next) = l.next.filter(|_| over) {
                 let forward = (next, l.id.origin, l.id.token);
                 if !forwards.contains(&forward) {

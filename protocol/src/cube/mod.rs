@@ -60,7 +60,7 @@ use body::{Move, Percept};
 use call::Called;
 use control::{Order, Status};
 use epoch::{Epoch, Opening};
-use lock_table::LockTable;
+use lock_table::{Lock, LockTable};
 use message::{Beacon, Message, RequestId, Role};
 use motion_planner::MotionPlanner;
 use negotiation::Attempt;
@@ -349,7 +349,8 @@ impl Cube {
             }
             Message::Response { .. } => self.on_response(now, face, message),
             Message::Release { origin, token } => {
-                self.release_locks(|lock| lock.id.origin == origin && lock.id.token == token);
+                let is_of = |lock: &Lock| lock.id.origin == origin && lock.id.token == token;
+                self.release_locks(|lock| is_of(lock) && !lock.is_of_controller());
                 self.decide_soon(now);
             }
             Message::Search { id, ttl, dead, route } => {

@@ -134,14 +134,12 @@ impl CubeWorld {
         touching.filter(stays).count()
     }
 
-    /// Returns true if a module cannot leave the dead module on a face: the last state of its agent keeps the dead module or
-    /// works in a closed epoch, in which a module leaves only when no other moves; or the agent, which is stopped or dead,
+    /// Returns true if a module cannot leave the dead module on a face: it is alive and in a closed epoch, in which a module leaves
+    /// only when no other moves; or the last state of its agent keeps the dead module; or the agent, which is stopped or dead,
     /// has not heard of this contact yet and cannot begin a move.
     fn stays(&self, now: Time, id: ModuleId, face: Face, agents: &Agents<'_, Cube>) -> bool {
-        let stays = |cube: &Cube| {
-            cube.is_closed() || !self.has_heard_of_contact(cube, id, face) || cube.keeps(now, face)
-        };
-        agents.last(id).is_some_and(stays)
+        let stays = |cube: &Cube| !self.has_heard_of_contact(cube, id, face) || cube.keeps(now, face);
+        agents.get(id).is_some_and(Cube::is_closed) || agents.last(id).is_some_and(stays)
     }
 
     /// Returns true if the agent of a module has heard of its present contact on a face.
