@@ -46,8 +46,12 @@ impl Plan {
     }
 
     /// Returns the motion of one step with the element that the metamodule holds; `None` if there is no such step, it
-    /// meets a taken cell, or it is over the limits of torque.
+    /// meets a taken cell, or it is over the limits of torque. The motion has no step if the metamodule stands so already:
+    /// an earlier incarnation may have made the step that fills its seed.
     pub fn carry(setup: &Setup, from: Pose, posture: u16, taken: &[Cell], aim: Aim) -> Option<Plan> {
+        if posture == from.posture {
+            return Some(Plan { aim, ..Plan::let_go(from) });
+        }
         let step = setup.carried_step(from, posture)?;
         let allowed = step.peak.within(setup.elements.limits());
         let is_free = || !step.cells.iter().any(|cell| taken.contains(cell));
