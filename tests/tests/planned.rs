@@ -92,6 +92,14 @@ fn a_shortage_has_its_reason() {
     let found = plan(&blocked, WORK);
     assert!(found.moves.is_empty());
     assert!(matches!(found.shortage, Some(Shortage::NoWay(_) | Shortage::Undecided)), "{found:?}");
+
+    // The last one has: the others are filled.
+    let mut blocked = standstill(Goal::Box, Kind::Srs, SeedOrder::Circular, 3);
+    let (last, seed) = blocked.setup.seeds(blocked.task).last().unwrap();
+    blocked.fixed.push(seed.cells()[2]);
+    let found = plan(&blocked, WORK);
+    assert_eq!(found.moves.iter().filter(|m| m.fills.is_some()).count(), usize::from(last));
+    assert_eq!(found.shortage, Some(Shortage::Undecided));
 }
 
 /// What a plan says is not trusted: a move that does not begin where the body is fits nothing.

@@ -38,6 +38,8 @@ pub enum Proves {
     Nothing,
     /// No more cells can be filled in any way, by counting.
     Counted,
+    /// The whole goal cannot be built in any way; more of it may be.
+    Incomplete,
     /// Nothing, and neither does a search at the present place: at another place of the goal more may be possible.
     NotHere,
 }

@@ -9,23 +9,32 @@ pub const GOAL_GIVEN_UP: Reason = Reason::new(
     "goal given up: an operator has dropped the goal, and set no other one",
 );
 /// An immovable body or obstacle is in a cell of an unfilled seed.
-pub const SEED_BLOCKED: Reason = Reason::new(
-    "seed-blocked",
-    Excuse::Always,
-    "seed blocked: something that cannot move is in a cell of an unfilled seed",
-);
+pub const SEED_BLOCKED: Reason = Reason {
+    proves: Proves::Incomplete,
+    ..Reason::new(
+        "seed-blocked",
+        Excuse::Always,
+        "seed blocked: something that cannot move is in a cell of an unfilled seed",
+    )
+};
 /// A dead metamodule holds an element that is not at its goal. Its latch stays closed.
-pub const ELEMENT_PINNED: Reason = Reason::new(
-    "element-pinned",
-    Excuse::Always,
-    "element pinned: a dead metamodule holds an element that is not at its goal",
-);
+pub const ELEMENT_PINNED: Reason = Reason {
+    proves: Proves::Incomplete,
+    ..Reason::new(
+        "element-pinned",
+        Excuse::Always,
+        "element pinned: a dead metamodule holds an element that is not at its goal",
+    )
+};
 /// A fall has put an element into cells of the other colour than those of its goal, and no lattice motion changes that.
-pub const ELEMENT_OFF_COLOUR: Reason = Reason::new(
-    "element-off-colour",
-    Excuse::Always,
-    "element off colour: an element has fallen into cells from which no lattice motion leads to its goal",
-);
+pub const ELEMENT_OFF_COLOUR: Reason = Reason {
+    proves: Proves::Incomplete,
+    ..Reason::new(
+        "element-off-colour",
+        Excuse::Always,
+        "element off colour: an element has fallen into cells from which no lattice motion leads to its goal",
+    )
+};
 /// No transport was found for an element that is not at its goal: something that stands still is in the way.
 pub const ELEMENT_BLOCKED: Reason = Reason::new(
     "element-blocked",

@@ -4,7 +4,7 @@
 //! smallest: its own moves around all other bodies, plus those of the rest by an optimal assignment (Kuhn and Munkres)
 //! of the exact distances. If no body has a route, the cooperative search moves others out of the way. A fill after
 //! which a later seed can no longer be reached is taken back, and cheaper choices are tried as long as [`BRANCHES`]
-//! allows it (depth-first branch and bound).
+//! allows it (depth-first branch and bound). Seeds that no body can reach from the start are left out.
 //!
 //! The moves are found one after the other, and made in a partial order: a move comes after the earlier ones of
 //! its own body and after those whose cells meet its own; a fill of a seed that is not open at the start after
@@ -90,6 +90,7 @@ pub fn plan(start: &Standstill, work: usize) -> CentralPlan {
         search_work: work,
         branches: BRANCHES,
         searches: SEARCHES,
+        unreachable: SeedSet::default(),
         best: Vec::new(),
         least: i64::MAX,
         first: None,
@@ -129,6 +130,8 @@ struct Planner {
     search_work: usize,
     branches: usize,
     searches: usize,
+    /// The seeds that are left out.
+    unreachable: SeedSet,
     best: Vec<Found>,
     /// Landings of the cheapest complete plan so far.
     least: i64,
@@ -147,7 +150,7 @@ struct Choice {
 }
 
 impl Planner {
-    /// Fills all that is left, in the cheapest way found. Returns whether it could.
+    /// Fills all that is left and reachable, in the cheapest way found. Returns whether it could.
     fn fill(&mut self, at: &Standstill, bodies: &[usize], moves: &mut Vec<Found>) -> bool {
         let fills = |moves: &[Found]| moves.iter().filter(|m| m.fills.is_some()).count();
         let is_better = match fills(moves).cmp(&fills(&self.best)) {
@@ -158,7 +161,7 @@ impl Planner {
         if is_better {
             self.best.clone_from(moves);
         }
-        let open = at.setup.goal(at.task).open(at.filled);
+        let open = at.setup.goal(at.task).open(at.filled).without(self.unreachable);
         if open.is_empty() || at.free.is_empty() {
             self.least = self.least.min(landings(moves));
             return true;
@@ -166,13 +169,20 @@ impl Planner {
         if self.branches == 0 {
             return false;
         }
-        let estimate = Estimate::new(at, open);
+        let mut estimate = Estimate::new(at, open, self.unreachable);
         self.work += ROUTE_WORK * estimate.seeds.len();
         if estimate.is_dead_end() {
-            return false;
+            if !moves.is_empty() {
+                return false;
+            }
+            self.unreachable = estimate.unreachable();
+            estimate.leave_out(self.unreachable);
+            if estimate.open.is_empty() {
+                return false;
+            }
         }
         let mut is_built = false;
-        for choice in self.choices(at, &estimate, open) {
+        for choice in self.choices(at, &estimate) {
             let Some(path) = steps(at, &choice) else { continue };
             if landings(moves) + choice.cost < self.least {
                 is_built |= self.go_on(at, bodies, moves, &path);
@@ -224,7 +234,8 @@ impl Planner {
     }
 
     /// The ways to fill an open seed around all other bodies, the best first.
-    fn choices(&mut self, at: &Standstill, estimate: &Estimate, open: SeedSet) -> Vec<Choice> {
+    fn choices(&mut self, at: &Standstill, estimate: &Estimate) -> Vec<Choice> {
+        let open = estimate.open;
         let mut found = Vec::new();
         let mut seen = BTreeSet::new();
         // Most often the body of the best assignment has a free way, which is as short as can be.
@@ -274,9 +285,10 @@ struct Estimate {
 }
 
 impl Estimate {
-    fn new(at: &Standstill, open: SeedSet) -> Estimate {
+    /// Measures all seeds that are unfilled and not `unreachable`.
+    fn new(at: &Standstill, open: SeedSet, unreachable: SeedSet) -> Estimate {
         let goal = at.setup.goal(at.task);
-        let seeds: Vec<u8> = goal.all().without(at.filled).iter().collect();
+        let seeds: Vec<u8> = goal.all().without(at.filled).without(unreachable).iter().collect();
         let distances = |seed: &u8| {
             let before = goal.before(*seed).without(at.filled).iter();
             let built = before.filter_map(|s| at.setup.seed(at.task, s)).flat_map(|s| s.cells());
@@ -296,9 +308,20 @@ impl Estimate {
     }
     /// Returns true if no body has a route to some seed that must be filled, whatever the others do.
     fn is_dead_end(&self) -> bool {
-        let needed = self.seeds.len() <= self.bodies;
-        let has_way = |place: &usize| self.steps[*place].iter().any(Option::is_some);
-        needed && !(0..self.seeds.len()).all(|place| has_way(&place))
+        self.seeds.len() <= self.bodies && !self.unreachable().is_empty()
+    }
+    /// Returns the seeds to which no body has a route, whatever the others do.
+    fn unreachable(&self) -> SeedSet {
+        let has_none = |(_, steps): &(&u8, &Vec<Option<i64>>)| steps.iter().all(Option::is_none);
+        let seeds = self.seeds.iter().zip(&self.steps).filter(has_none);
+        seeds.fold(SeedSet::default(), |set, (seed, _)| set.with(*seed))
+    }
+    /// Leaves seeds out, and assigns bodies to the others.
+    fn leave_out(&mut self, seeds: SeedSet) {
+        let kept = self.seeds.drain(..).zip(self.steps.drain(..)).filter(|(seed, _)| !seeds.has(*seed));
+        (self.seeds, self.steps) = kept.unzip();
+        self.open = self.open.without(seeds);
+        (self.cost, self.assigned) = self.assign(None);
     }
     /// Moves of the others if this body fills this seed.
     fn rest(&self, seed: u8, body: usize) -> i64 {

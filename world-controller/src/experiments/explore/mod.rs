@@ -112,7 +112,7 @@ pub struct Ran {
     pub reason: Option<&'static str>,
     /// The verdict.
     pub verdict: Verdict,
-    /// Whether any robot with these modules could have built the goal; `None` if no search decided it.
+    /// Whether any robot with these modules could have built the goal; `None` if that is not decided.
     pub could: Option<bool>,
     /// The outcome; `None` if the run panicked.
     pub outcome: Option<Outcome>,

@@ -271,7 +271,7 @@ fn write_shares(out: &mut String, summary: &Summary) -> std::fmt::Result {
         }
     }
     if summary.impossible > 0 {
-        writeln!(out, "  {} that no robot could build, proved by search", count(summary.impossible))?;
+        writeln!(out, "  {} that no robot could build, proved", count(summary.impossible))?;
     }
     if !summary.undecided.is_empty() {
         let undecided = count(summary.undecided.values().map(|u| u.runs).sum());

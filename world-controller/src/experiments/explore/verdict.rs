@@ -64,13 +64,14 @@ pub struct Failure {
     pub what: String,
 }
 
-/// Returns the verdict, and whether any robot with these modules could have built the goal; `None` if no
-/// search decided that. If none could, a run that was infeasible within narrower rules, or excused, becomes
+/// Returns the verdict, and whether any robot with these modules could have built the goal; `None` if neither the reason
+/// nor a search decided that. If none could, a run that was infeasible within narrower rules, or excused, becomes
 /// infeasible under [`RuleSet::Anything`].
 pub fn could_be_built(verdict: Verdict, ran: &RunResult) -> (Verdict, Option<bool>) {
     let could = match verdict {
         Verdict::Built => Some(true),
         Verdict::Infeasible(RuleSet::Anything) => Some(false),
+        _ if ran.stall.as_ref().is_some_and(|s| s.reason.proves == Proves::Incomplete) => Some(false),
         _ => ran.snapshot.as_deref().and_then(|question| question.could_be_built()),
     };
     match (verdict, could) {

@@ -32,4 +32,8 @@ impl Question for Standstill {
             SearchResult::Undecided => Err(Found::Undecided),
         }
     }
+    fn could_be_built(&self) -> Option<bool> {
+        let unfilled = self.setup.goal(self.task).all().without(self.filled).len();
+        (self.free.len() < unfilled).then_some(false)
+    }
 }
