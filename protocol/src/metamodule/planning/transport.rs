@@ -355,10 +355,10 @@ pub fn missing_bonds(setup: &Setup, goal: u8, settled: &[Pose]) -> Vec<(usize, L
 }
 
 /// Returns the posture in which a metamodule fills the same seed as in `posture` and its head faces an element at its goal.
-/// Without such a posture, or a way to it around these cells, returns `posture`.
-pub fn facing(setup: &Setup, goal: u8, from: Pose, posture: u16, fixed: &[Cell]) -> u16 {
+/// Without such a posture, or a way to it around the cells `taken`, returns `posture`.
+pub fn facing(setup: &Setup, goal: u8, from: Pose, posture: u16, taken: &[Cell]) -> u16 {
     let (motions, elements) = (&setup.motions, setup.elements.all());
-    let taken = motions.graph().seen_from(from.state, fixed);
+    let taken = motions.graph().seen_from(from.state, taken);
     let faces = |to: &u16| {
         let pose = Pose { posture: *to, ..from };
         let mut goals = elements.iter().enumerate();

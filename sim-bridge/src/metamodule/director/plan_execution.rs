@@ -341,14 +341,21 @@ impl PlanExecution {
         self.replans += 1;
         self.shortage = shortage;
         let motions = &swarm.setup.motions;
+        let mut poses = standstill.free.clone();
         let step = |PlannedMove { body, from, posture, lands, fills, after }: PlannedMove| {
-            // A metamodule in a seed grips what faces its head.
+            // A metamodule in a seed grips what faces its head, if the others let it turn there.
             let posture = match fills {
-                Some(_) if !lands => facing(swarm.setup, swarm.task.goal, from, posture, &standstill.fixed),
+                Some(_) if !lands => {
+                    let others = poses.iter().enumerate().filter(|(other, _)| *other != body);
+                    let others = others.flat_map(|(_, pose)| motions.cells(*pose));
+                    let taken: Vec<Cell> = standstill.fixed.iter().copied().chain(others).collect();
+                    facing(swarm.setup, swarm.task.goal, from, posture, &taken)
+                }
                 _ => posture,
             };
             let turned = Pose { posture, ..from };
             let to = if lands { motions.turned_around(turned)? } else { turned };
+            poses[body] = to;
             let mover = ids[body];
             let end = MoveEnd::of(lands, fills.is_some());
             let instruction = Instruction::Move { mover, from, posture, end };
