@@ -1,6 +1,6 @@
 //! Judges a run: it must always be safe, and it must build the goal unless the remaining modules cannot.
 
-use crate::report::run_result::RunResult;
+use crate::report::run_result::{Question, RunResult};
 use crate::report::schema::Report;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::proof::{Found, RuleSet};
@@ -71,14 +71,22 @@ pub fn could_be_built(verdict: Verdict, ran: &RunResult) -> (Verdict, Option<boo
     let could = match verdict {
         Verdict::Built => Some(true),
         Verdict::Infeasible(RuleSet::Anything) => Some(false),
-        _ if ran.stall.as_ref().is_some_and(|s| s.reason.proves == Proves::Incomplete) => Some(false),
-        _ => ran.snapshot.as_deref().and_then(|question| question.could_be_built()),
+        _ => proved(ran.stall.as_ref().map(|stall| stall.reason.proves), ran.snapshot.as_deref()),
     };
     match (verdict, could) {
         (Verdict::Infeasible(_) | Verdict::Excused(_), Some(false)) => {
             (Verdict::Infeasible(RuleSet::Anything), could)
         }
         (verdict, could) => (verdict, could),
+    }
+}
+
+/// Returns whether any robot could have built the goal, by what the reason of a standstill proves, or else by a search.
+/// Counting decides it only where there is no search, which knows more of what can move.
+fn proved(proves: Option<Proves>, question: Option<&dyn Question>) -> Option<bool> {
+    match (proves, question) {
+        (Some(Proves::Incomplete), _) | (Some(Proves::Counted), None) => Some(false),
+        (_, question) => question.and_then(Question::could_be_built),
     }
 }
 
@@ -126,4 +134,44 @@ pub fn judge(report: &Report, ran: &RunResult) -> Verdict {
         stall.waiting.iter().map(|w| w.module.to_string()).collect::<Vec<_>>().join(" ")
     );
     Verdict::Failed(Failure { kind, what })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::prospect::Prospect;
+
+    /// A search with this result.
+    struct Searched(Option<bool>);
+
+    impl Question for Searched {
+        fn prospect(&self) -> Prospect {
+            Prospect::UNDECIDED
+        }
+        fn judge(&self, _: bool) -> Result<RuleSet, Found> {
+            Err(Found::Undecided)
+        }
+        fn could_be_built(&self) -> Option<bool> {
+            self.0
+        }
+    }
+
+    #[test]
+    fn what_a_reason_proves_needs_no_search() {
+        let (yes, no) = (Some(true), Some(false));
+        for (proves, searched, could) in [
+            (Proves::Incomplete, None, no),
+            (Proves::Incomplete, Some(None), no),
+            (Proves::Counted, None, no),
+            (Proves::Counted, Some(None), None),
+            (Proves::Counted, Some(yes), yes),
+            (Proves::Nothing, None, None),
+            (Proves::Nothing, Some(yes), yes),
+            (Proves::NotHere, Some(no), no),
+        ] {
+            let question = searched.map(Searched);
+            let question = question.as_ref().map(|q| q as &dyn Question);
+            assert_eq!(proved(Some(proves), question), could, "{proves:?} {searched:?}");
+        }
+    }
 }
