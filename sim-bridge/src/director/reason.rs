@@ -49,6 +49,10 @@ impl Reason {
     pub const fn new(name: &'static str, excuse: Excuse, text: &'static str) -> Reason {
         Reason { name, text, excuse, proves: Proves::Nothing }
     }
+    /// Returns the reason with what it proves.
+    pub const fn proving(self, proves: Proves) -> Reason {
+        Reason { proves, ..self }
+    }
     /// Returns true if no module could have gone on as the others stand, so that the standstill is not the fault
     /// of a module. To prove that no plan exists at all takes a search.
     pub fn is_infeasible(self) -> bool {
@@ -69,14 +73,12 @@ pub const BLOCKED: Reason = Reason::new(
     "deadlock: a spare module has a way to a goal cell and does not take it",
 );
 /// There are fewer live spare modules that can move than cells to fill.
-pub const MATERIAL_EXHAUSTED: Reason = Reason {
-    proves: Proves::Counted,
-    ..Reason::new(
-        "material-exhausted",
-        Excuse::Always,
-        "material exhausted: fewer live spare modules than goal cells to fill",
-    )
-};
+pub const MATERIAL_EXHAUSTED: Reason = Reason::new(
+    "material-exhausted",
+    Excuse::Always,
+    "material exhausted: fewer live spare modules than goal cells to fill",
+)
+.proving(Proves::Counted);
 /// No path leads to a goal cell, even over dead modules.
 pub const NO_WAY: Reason = Reason::new(
     "no-way",

@@ -9,32 +9,26 @@ pub const GOAL_GIVEN_UP: Reason = Reason::new(
     "goal given up: an operator has dropped the goal, and set no other one",
 );
 /// An immovable body or obstacle is in a cell of an unfilled seed.
-pub const SEED_BLOCKED: Reason = Reason {
-    proves: Proves::Incomplete,
-    ..Reason::new(
-        "seed-blocked",
-        Excuse::Always,
-        "seed blocked: something that cannot move is in a cell of an unfilled seed",
-    )
-};
+pub const SEED_BLOCKED: Reason = Reason::new(
+    "seed-blocked",
+    Excuse::Always,
+    "seed blocked: something that cannot move is in a cell of an unfilled seed",
+)
+.proving(Proves::Incomplete);
 /// A dead metamodule holds an element that is not at its goal. Its latch stays closed.
-pub const ELEMENT_PINNED: Reason = Reason {
-    proves: Proves::Incomplete,
-    ..Reason::new(
-        "element-pinned",
-        Excuse::Always,
-        "element pinned: a dead metamodule holds an element that is not at its goal",
-    )
-};
+pub const ELEMENT_PINNED: Reason = Reason::new(
+    "element-pinned",
+    Excuse::Always,
+    "element pinned: a dead metamodule holds an element that is not at its goal",
+)
+.proving(Proves::Incomplete);
 /// A fall has put an element into cells of the other colour than those of its goal, and no lattice motion changes that.
-pub const ELEMENT_OFF_COLOUR: Reason = Reason {
-    proves: Proves::Incomplete,
-    ..Reason::new(
-        "element-off-colour",
-        Excuse::Always,
-        "element off colour: an element has fallen into cells from which no lattice motion leads to its goal",
-    )
-};
+pub const ELEMENT_OFF_COLOUR: Reason = Reason::new(
+    "element-off-colour",
+    Excuse::Always,
+    "element off colour: an element has fallen into cells from which no lattice motion leads to its goal",
+)
+.proving(Proves::Incomplete);
 /// No transport was found for an element that is not at its goal: something that stands still is in the way.
 pub const ELEMENT_BLOCKED: Reason = Reason::new(
     "element-blocked",
@@ -55,14 +49,12 @@ pub const NO_LOCK: Reason = Reason::new(
 );
 /// Nothing more is built at the present place of the goal, which may be moved, and it is not proved that the
 /// goal cannot be built elsewhere.
-pub const MISPLACED: Reason = Reason {
-    proves: Proves::NotHere,
-    ..Reason::new(
-        "misplaced",
-        Excuse::Never,
-        "misplaced: nothing more is built where the goal is now, and it may be possible at another place",
-    )
-};
+pub const MISPLACED: Reason = Reason::new(
+    "misplaced",
+    Excuse::Never,
+    "misplaced: nothing more is built where the goal is now, and it may be possible at another place",
+)
+.proving(Proves::NotHere);
 
 /// The metamodule knows no path to any open seed.
 pub const BARRED: Why = Why("knows no way to an open seed");

@@ -260,9 +260,7 @@ impl Planner {
     fn choice(&mut self, at: &Standstill, estimate: &Estimate, seed: u8, body: usize) -> Option<Choice> {
         estimate.steps(seed, body)?;
         self.work += ROUTE_WORK;
-        let others = at.free.iter().enumerate().filter(|(i, _)| *i != body);
-        let others = others.flat_map(|(_, pose)| at.setup.motions.cells(*pose));
-        let taken: Vec<Cell> = at.fixed.iter().copied().chain(others).collect();
+        let taken = at.taken_around(&[body]);
         let ground = Ground { motions: &at.setup.motions, floor: at.setup.floor, taken: &taken };
         let place = at.setup.seed(at.task, seed)?;
         let route = ground.to_seed(at.free[body], place, &at.fixed, usize::MAX)?;

@@ -36,6 +36,13 @@ pub struct Standstill {
 }
 
 impl Standstill {
+    /// Returns the fixed cells, and those of all free bodies but these.
+    pub fn taken_around(&self, bodies: &[usize]) -> Vec<Cell> {
+        let others = self.free.iter().enumerate().filter(|(i, _)| !bodies.contains(i));
+        let others = others.flat_map(|(_, pose)| self.setup.motions.cells(*pose));
+        self.fixed.iter().copied().chain(others).collect()
+    }
+
     /// Returns the standstill after `path`: the body of the last move has filled a seed and stays there.
     /// `None` if `path` does not fit this standstill or fills no open seed.
     pub fn after(&self, path: &[Move]) -> Option<Standstill> {

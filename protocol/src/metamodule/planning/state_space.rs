@@ -154,9 +154,7 @@ impl<'a> StateSpace<'a> {
 
     /// Returns the state space in which all bodies but `movers` are fixed.
     pub fn around_all_but(standstill: &'a Standstill, movers: &[usize]) -> StateSpace<'a> {
-        let others = (0..).zip(&standstill.free).filter(|(i, _)| !movers.contains(i));
-        let others = others.flat_map(|(_, pose)| standstill.setup.motions.cells(*pose));
-        StateSpace::new(standstill, standstill.fixed.iter().copied().chain(others).collect())
+        StateSpace::new(standstill, standstill.taken_around(movers))
     }
 
     /// Returns the number of a shape.

@@ -326,7 +326,7 @@ impl PlanExecution {
         if swarm.elements_left().next().is_some() {
             return self.plan_elements(now, swarm, orders);
         }
-        let (ids, standstill) = swarm.standstill(true, &self.suspected);
+        let (ids, mut standstill) = swarm.standstill(true, &self.suspected);
         let bonds = swarm.missing_bonds();
         if !bonds.is_empty() {
             return self.plan_bonds(now, bonds);
@@ -341,21 +341,18 @@ impl PlanExecution {
         self.replans += 1;
         self.shortage = shortage;
         let motions = &swarm.setup.motions;
-        let mut poses = standstill.free.clone();
         let step = |PlannedMove { body, from, posture, lands, fills, after }: PlannedMove| {
             // A metamodule in a seed grips what faces its head, if the others let it turn there.
             let posture = match fills {
                 Some(_) if !lands => {
-                    let others = poses.iter().enumerate().filter(|(other, _)| *other != body);
-                    let others = others.flat_map(|(_, pose)| motions.cells(*pose));
-                    let taken: Vec<Cell> = standstill.fixed.iter().copied().chain(others).collect();
+                    let taken = standstill.taken_around(&[body]);
                     facing(swarm.setup, swarm.task.goal, from, posture, &taken)
                 }
                 _ => posture,
             };
             let turned = Pose { posture, ..from };
             let to = if lands { motions.turned_around(turned)? } else { turned };
-            poses[body] = to;
+            standstill.free[body] = to;
             let mover = ids[body];
             let end = MoveEnd::of(lands, fills.is_some());
             let instruction = Instruction::Move { mover, from, posture, end };
