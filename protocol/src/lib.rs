@@ -6,30 +6,18 @@
 //!
 //! It uses no clock, thread, socket, file or global randomness, and no floating point in the state of an agent.
 
-pub mod agent;
 pub mod assembly;
-pub mod counters;
-pub mod coverage;
 pub mod cube;
-pub mod defects;
-pub mod digest;
 pub mod free_module;
-pub mod goal;
-pub mod host;
 pub mod host_link;
-pub mod ids;
-pub mod lattice;
-pub mod link;
 pub mod manipulation;
 pub mod metamodule;
 pub mod on_grid;
 pub mod pairing;
 pub mod plan;
-pub mod ratio;
-pub mod record;
-pub mod rng;
 pub mod roombots;
-pub mod runtime;
-pub mod shape;
-pub mod time;
-pub mod wire;
+
+pub use metamorph_core::{
+    agent, counters, coverage, defects, digest, goal, host, ids, lattice, link, ratio, record, rng, runtime,
+    shape, time, wire,
+};

@@ -7,7 +7,7 @@
 //! them through [`Portable`]. It leaves out what follows from the rest: caches, dirty flags, wake-up times,
 //! and outputs.
 
-use std::hash::Hasher;
+use core::hash::Hasher;
 
 /// Size of the buffer in bytes: one long write is faster than many short ones.
 const GATHERED: usize = 512;

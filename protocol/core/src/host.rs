@@ -8,10 +8,12 @@ use crate::counters::Class;
 use crate::ids::{ModuleId, Port, Revision};
 use crate::record::{Blob, Consumed, Emitted, Event, MessageName, Record, Sent, Sink, Step, Who};
 use crate::time::Time;
+use alloc::boxed::Box;
+use alloc::collections::VecDeque;
+use alloc::sync::Arc;
+use alloc::vec::Vec;
+use core::hash::Hasher;
 use siphasher::sip::SipHasher13;
-use std::collections::VecDeque;
-use std::hash::Hasher;
-use std::sync::Arc;
 
 /// One incarnation of an agent.
 #[derive(Clone, Debug)]
@@ -90,7 +92,7 @@ impl<A: Agent> AgentHost<A> {
     pub fn handle_hashed(&mut self, now: Time, input: InputOf<A>) -> u64 {
         self.agent.handle(now, input);
         let Some(steps) = &mut self.steps else { return 0 };
-        steps.outputs.extend(std::iter::from_fn(|| self.agent.poll()));
+        steps.outputs.extend(core::iter::from_fn(|| self.agent.poll()));
         hash(&self.agent, &steps.outputs)
     }
 

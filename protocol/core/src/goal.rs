@@ -11,8 +11,10 @@
 
 use crate::lattice::{Cell, Face};
 use crate::shape::components;
+use alloc::collections::{BTreeMap, BTreeSet};
+use alloc::vec;
+use alloc::vec::Vec;
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, BTreeSet};
 use thiserror::Error;
 
 /// The part of the shape that is filled, and the rule that growth follows.

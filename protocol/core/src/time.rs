@@ -1,9 +1,12 @@
 //! Scenario time as integer nanoseconds. Not here: any clock.
 
+use alloc::borrow::ToOwned;
+use alloc::format;
+use alloc::string::String;
+use core::fmt;
+use core::ops::{Add, AddAssign, Div, Mul, Sub};
+use core::str::FromStr;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
-use std::fmt;
-use std::ops::{Add, AddAssign, Div, Mul, Sub};
-use std::str::FromStr;
 use thiserror::Error;
 
 /// An instant: nanoseconds since the start of the run.
@@ -167,7 +170,7 @@ impl fmt::Display for Span {
         };
         write!(f, "{}", n / unit)?;
         if !n.is_multiple_of(unit) {
-            let width = (unit as f64).log10().round() as usize;
+            let width = unit.ilog10() as usize;
             let fraction = format!("{:0width$}", n % unit);
             write!(f, ".{}", fraction.trim_end_matches('0'))?;
         }

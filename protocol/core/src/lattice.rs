@@ -3,9 +3,9 @@
 //! Frame: right-handed, unit = one cell edge, +z up. A cell is a point of Z³; a module fills one.
 //! Motions are those of the sliding-cube model (thesis 4.1.2 and 4.2.2, after Fitch and Butler).
 
+use core::fmt;
+use core::ops::{Add, Neg};
 use serde::{Deserialize, Serialize};
-use std::fmt;
-use std::ops::{Add, Neg};
 
 /// A lattice cell. Coordinates stay within ±16,383 (see [`Cell::LIMIT`]), so that the sum of two never
 /// overflows.

@@ -25,7 +25,8 @@ use crate::counters::Class;
 use crate::ids::{Incarnation, ModuleId, Port};
 use crate::lattice::{Cell, Face};
 use crate::time::Time;
-use std::fmt::Debug;
+use alloc::vec::Vec;
+use core::fmt::Debug;
 use thiserror::Error;
 
 /// The version number of the layout and of every message in it.
@@ -293,7 +294,7 @@ impl Frame {
     #[inline]
     pub fn from_bytes(bytes: &[u8; Frame::SIZE]) -> Frame {
         fn part<const N: usize>(bytes: &[u8; Frame::SIZE], at: usize) -> [u8; N] {
-            std::array::from_fn(|i| bytes[at + i])
+            core::array::from_fn(|i| bytes[at + i])
         }
         Frame {
             version: bytes[0],

@@ -13,8 +13,10 @@ use crate::lattice::Cell;
 use crate::runtime::{Command, Sensed};
 use crate::time::Time;
 use crate::wire::{self, Wire, WireError};
+use alloc::string::String;
+use alloc::vec::Vec;
+use core::fmt;
 use serde::{Deserialize, Serialize};
-use std::fmt;
 
 /// A message, action, percept, order, report or place in its wire form. Its type follows from its position in
 /// the record and from the family of the run.

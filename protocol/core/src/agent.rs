@@ -9,10 +9,11 @@ use crate::counters::Class;
 use crate::ids::{Incarnation, ModuleId, Port, Session};
 use crate::time::Time;
 use crate::wire::Wire;
+use alloc::string::String;
+use alloc::sync::Arc;
+use core::hash::Hasher;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use std::hash::Hasher;
-use std::sync::Arc;
 
 /// The state of an agent in terms that all families share, for viewers and journals. No protocol depends on
 /// it.

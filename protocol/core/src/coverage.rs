@@ -2,9 +2,11 @@
 //! can list the paths that were never taken.
 //!
 //! The points that have run are kept as bits of a thread-local set; setting one costs about as much as an
-//! addition. *Invariant.* No protocol and no driver reads the set, so it cannot influence a run.
+//! addition. *Invariant.* No protocol and no driver reads the set, so it cannot influence a run. Without the feature
+//! `std` there are no threads to keep a set for: [`hit`] does nothing, and nothing reads it.
 
-use std::cell::Cell;
+#[cfg(feature = "std")]
+use core::cell::Cell;
 
 macro_rules! marks {
     ($($(#[$doc:meta])* $name:ident => $text:literal,)*) => {
@@ -142,27 +144,33 @@ impl CoveragePoints {
     }
 }
 
-thread_local! {
+#[cfg(feature = "std")]
+std::thread_local! {
     static SET: Cell<u128> = const { Cell::new(0) };
 }
 
 /// Notes that this path has run.
 #[inline]
 pub fn hit(mark: CoveragePoint) {
+    #[cfg(feature = "std")]
     SET.with(|set| set.set(set.get() | 1 << mark as u32));
+    #[cfg(not(feature = "std"))]
+    let _ = mark;
 }
 
 /// Adds points that were set in another thread to the set of this thread.
+#[cfg(feature = "std")]
 pub fn add(marks: CoveragePoints) {
     SET.with(|set| set.set(set.get() | marks.0));
 }
 
 /// Returns the points set in this thread since the last call, and clears them. For drivers, not for agents.
+#[cfg(feature = "std")]
 pub fn take() -> CoveragePoints {
     SET.with(|set| CoveragePoints(set.take()))
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "std"))]
 mod tests {
     use super::*;
 

@@ -16,8 +16,9 @@ use crate::ids::ModuleId;
 use crate::ratio::Ratio;
 use crate::rng::Rng;
 use crate::time::{Span, Time};
+use alloc::sync::Arc;
+use alloc::vec::Vec;
 use serde::{Deserialize, Serialize};
-use std::sync::Arc;
 
 /// A split of the swarm into two sides that cannot talk to each other for a while.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

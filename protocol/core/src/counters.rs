@@ -3,9 +3,9 @@
 //! Every copy of a message has exactly one fate. So for every class, once a run has ended:
 //! `sent + duplicated = delivered + lost + overflowed + expired + refused + in flight`.
 
+use core::fmt;
+use core::ops::{AddAssign, Index, IndexMut};
 use serde::{Deserialize, Serialize};
-use std::fmt;
-use std::ops::{AddAssign, Index, IndexMut};
 
 /// What a protocol message is for; messages are counted by class.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]

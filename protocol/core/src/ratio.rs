@@ -1,8 +1,11 @@
 //! Probabilities as integer ratios, so that a draw is the same on every machine.
 
+use alloc::borrow::ToOwned;
+use alloc::string::String;
+use alloc::string::ToString;
+use core::fmt;
+use core::str::FromStr;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
-use std::fmt;
-use std::str::FromStr;
 use thiserror::Error;
 
 /// A probability `num / den`, between 0 and 1.

@@ -8,6 +8,7 @@ use super::{LinkModel, Partition};
 use crate::ids::{HostId, ModuleId};
 use crate::rng::Rng;
 use crate::time::{Span, Time};
+use alloc::vec::Vec;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -172,7 +173,7 @@ fn link_index(a: HostId, b: HostId) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::Arc;
+    use alloc::sync::Arc;
 
     const HOMES: [HostId; 4] = [HostId(0), HostId(1), HostId(2), HostId(1)];
 

@@ -1,9 +1,12 @@
 //! Shapes as data: start bodies and goals.
 
 use crate::lattice::{Cell, Face};
+use alloc::collections::BTreeSet;
+use alloc::format;
+use alloc::vec;
+use alloc::vec::Vec;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
-use std::collections::BTreeSet;
 use thiserror::Error;
 
 /// The largest number of cells of one shape.
@@ -110,7 +113,10 @@ impl<'de> Deserialize<'de> for Radius {
     fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Radius, D::Error> {
         let cells = f64::deserialize(d)?;
         if (0.0..=f64::from(Cell::LIMIT)).contains(&cells) {
-            Ok(Radius((cells * 1_000.0).round() as u32))
+            // Rounding of floats needs std; this is the same for what is not negative.
+            let thousandths = cells * 1_000.0;
+            let whole = thousandths as u32;
+            Ok(Radius(whole + u32::from(thousandths - f64::from(whole) >= 0.5)))
         } else {
             Err(D::Error::custom(format!("radius {cells} is not between 0 and {} cells", Cell::LIMIT)))
         }

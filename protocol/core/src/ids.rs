@@ -1,8 +1,8 @@
 //! Identifiers: small integer newtypes that cannot be mixed up.
 
+use core::fmt;
+use core::hash::{Hash, Hasher};
 use serde::{Deserialize, Serialize};
-use std::fmt;
-use std::hash::{Hash, Hasher};
 
 macro_rules! id {
     ($(#[$doc:meta])* $name:ident($int:ty)) => {
@@ -76,7 +76,7 @@ impl PortSet {
     /// Iterates over the ports in the set, in ascending order.
     pub fn iter(self) -> impl Iterator<Item = Port> + use<> {
         let mut left = self.0;
-        std::iter::from_fn(move || {
+        core::iter::from_fn(move || {
             let port = Port(left.trailing_zeros() as u8);
             left &= left.checked_sub(1)?;
             Some(port)
