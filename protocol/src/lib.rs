@@ -7,7 +7,6 @@
 //! It uses no clock, thread, socket, file or global randomness, and no floating point in the state of an agent.
 
 pub mod assembly;
-pub mod cube;
 pub mod free_module;
 pub mod host_link;
 pub mod manipulation;
@@ -21,3 +20,4 @@ pub use metamorph_core::{
     agent, counters, coverage, defects, digest, goal, host, ids, lattice, link, ratio, record, rng, runtime,
     shape, time, wire,
 };
+pub use metamorph_cube as cube;

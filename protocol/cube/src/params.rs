@@ -1,10 +1,11 @@
 //! Parameters of the cube protocol.
 
 use super::epoch::Epoch;
-use crate::defects::Defect;
-use crate::goal::Goal;
-use crate::ratio::Ratio;
-use crate::time::Span;
+use alloc::vec::Vec;
+use metamorph_core::defects::Defect;
+use metamorph_core::goal::Goal;
+use metamorph_core::ratio::Ratio;
+use metamorph_core::time::Span;
 use serde::{Deserialize, Serialize};
 
 /// The fixed part of a back-off, in ticks ([`Params::tick`]).

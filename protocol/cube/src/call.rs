@@ -17,11 +17,12 @@
 use super::Cube;
 use super::epoch::Epoch;
 use super::message::{Ask, RequestId, Role};
-use crate::coverage::{CoveragePoint, hit};
-use crate::ids::{ModuleId, Token};
-use crate::lattice::{Cell, Face, Motion, MotionKind};
-use crate::time::{Span, Time};
-use crate::wire::{Decoder, Encoder, WireError};
+use alloc::boxed::Box;
+use metamorph_core::coverage::{CoveragePoint, hit};
+use metamorph_core::ids::{ModuleId, Token};
+use metamorph_core::lattice::{Cell, Face, Motion, MotionKind};
+use metamorph_core::time::{Span, Time};
+use metamorph_core::wire::{Decoder, Encoder, WireError};
 
 /// The largest number of steps of a way; a longer one is called in parts.
 pub const MAX_STEPS: usize = 56;
@@ -212,15 +213,15 @@ impl Cube {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::{Agent, Input, Output};
-    use crate::cube::control::Order;
-    use crate::cube::epoch::Opening;
-    use crate::cube::message::Message;
-    use crate::cube::params::{Params, Setup};
-    use crate::cube::steering::Steering;
-    use crate::goal::{Goal, Growth};
-    use crate::ids::{Port, Session};
-    use crate::wire::{HEADER, PAYLOAD, Wire};
+    use crate::control::Order;
+    use crate::epoch::Opening;
+    use crate::message::Message;
+    use crate::params::{Params, Setup};
+    use crate::steering::Steering;
+    use metamorph_core::agent::{Agent, Input, Output};
+    use metamorph_core::goal::{Goal, Growth};
+    use metamorph_core::ids::{Port, Session};
+    use metamorph_core::wire::{HEADER, PAYLOAD, Wire};
 
     const HERE: Epoch = Epoch::first(0);
 

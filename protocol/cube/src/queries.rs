@@ -6,9 +6,10 @@ use super::message::{Entry, Rank, Role};
 use super::params::Connectivity;
 use super::parent_forest::UNLABELLED;
 use super::{Cube, Successor, custody};
-use crate::ids::{ModuleId, Session};
-use crate::lattice::{Cell, Face};
-use crate::time::Time;
+use alloc::vec::Vec;
+use metamorph_core::ids::{ModuleId, Session};
+use metamorph_core::lattice::{Cell, Face};
+use metamorph_core::time::Time;
 
 impl Cube {
     /// Returns the role of the module in the growth.

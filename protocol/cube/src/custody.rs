@@ -24,11 +24,12 @@ use super::control::{CustodyAnnouncement, CustodyKey};
 use super::message::Role;
 use super::params::Connectivity;
 use super::view::View;
-use crate::defects::Defect;
-use crate::digest::Portable;
-use crate::lattice::Face;
-use crate::time::Time;
-use std::hash::Hash;
+use alloc::boxed::Box;
+use core::hash::Hash;
+use metamorph_core::defects::Defect;
+use metamorph_core::digest::Portable;
+use metamorph_core::lattice::Face;
+use metamorph_core::time::Time;
 
 /// A dead neighbour: what its certificate says, and which holders have been announced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -159,16 +160,16 @@ pub(super) fn is_announced(v: View<'_>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::{Agent, Input, Output};
-    use crate::cube::Cube;
-    use crate::cube::control::{Order, Status};
-    use crate::cube::epoch::{Epoch, Opening};
-    use crate::cube::message::{Beacon, Claim, Entry, Message, Rank};
-    use crate::cube::params::{Params, Setup};
-    use crate::goal::{Goal, Growth};
-    use crate::ids::{ModuleId, Port, Session};
-    use crate::lattice::Cell;
-    use crate::time::Span;
+    use crate::Cube;
+    use crate::control::{Order, Status};
+    use crate::epoch::{Epoch, Opening};
+    use crate::message::{Beacon, Claim, Entry, Message, Rank};
+    use crate::params::{Params, Setup};
+    use metamorph_core::agent::{Agent, Input, Output};
+    use metamorph_core::goal::{Goal, Growth};
+    use metamorph_core::ids::{ModuleId, Port, Session};
+    use metamorph_core::lattice::Cell;
+    use metamorph_core::time::Span;
 
     const PARENT: Face = Face::East;
     const DEAD: Face = Face::West;
@@ -308,7 +309,7 @@ mod tests {
             bench.condemn(session);
             (is_child, bench.has_announced(), bench.is_free())
         };
-        let is_child = |b: &mut Beacon| b.claim = Claim::Parent(crate::ids::Token(1));
+        let is_child = |b: &mut Beacon| b.claim = Claim::Parent(metamorph_core::ids::Token(1));
         let is_carried = |b: &mut Beacon| (b.role, b.supported_here) = (Role::Walker, true);
         assert_eq!(dies_after(None, is_child), (true, false, false));
         assert_eq!(dies_after(Some(Defect::ChildProves), is_child), (true, true, false));

@@ -4,9 +4,9 @@
 use super::Cube;
 use super::motion_planner::DigestPart;
 use super::view::Own;
-use crate::digest::Portable;
-use crate::lattice::Face;
-use std::hash::{Hash, Hasher};
+use core::hash::{Hash, Hasher};
+use metamorph_core::digest::Portable;
+use metamorph_core::lattice::Face;
 
 impl Cube {
     pub(super) fn digest_state(&self, hasher: &mut dyn Hasher) {

@@ -9,14 +9,14 @@ mod face_field;
 
 use super::message::{Entry, Role};
 use super::view::View;
-use crate::coverage::{CoveragePoint, hit};
-use crate::defects::Defect;
-use crate::digest::Portable;
-use crate::goal::Growth;
-use crate::lattice::Face;
-use crate::time::{Span, Time};
+use core::hash::Hash;
 use face_field::{FaceField, Limits, MAX_RECORDS, Offer, newer};
-use std::hash::Hash;
+use metamorph_core::coverage::{CoveragePoint, hit};
+use metamorph_core::defects::Defect;
+use metamorph_core::digest::Portable;
+use metamorph_core::goal::Growth;
+use metamorph_core::lattice::Face;
+use metamorph_core::time::{Span, Time};
 
 /// Added to `via` for an offer of another face of the same module.
 pub(super) const OWN: u8 = 6;
@@ -82,7 +82,7 @@ pub(super) fn beside(face: Face) -> u8 {
 impl Attraction {
     pub fn new() -> Attraction {
         Attraction {
-            faces: std::array::from_fn(|_| FaceField::new()),
+            faces: core::array::from_fn(|_| FaceField::new()),
             corners: [0; 6],
             corners_until: [Time::ZERO; 6],
             unfilled_since: [None; 6],
@@ -97,7 +97,7 @@ impl Attraction {
     /// Starts over with another goal.
     pub fn on_goal(&mut self) {
         self.unfilled_since = [None; 6];
-        self.faces = std::array::from_fn(|_| FaceField::new());
+        self.faces = core::array::from_fn(|_| FaceField::new());
         self.expires = Time::NEVER;
     }
     /// Makes the next step recompute the field of all faces.
@@ -260,8 +260,8 @@ impl Attraction {
     /// another source.
     fn dirty_by_time(&mut self, v: View<'_>, due: bool) -> u8 {
         let seen = (v.sides.open_mask(), v.sides.support_mask());
-        let is_other = std::mem::replace(&mut self.seen, seen) != seen;
-        let before = std::mem::replace(&mut self.seen_at, v.now);
+        let is_other = core::mem::replace(&mut self.seen, seen) != seen;
+        let before = core::mem::replace(&mut self.seen_at, v.now);
         let is_free_again = |until: &Time| before < *until && *until <= v.now;
         if due || is_other || v.own.restarted || self.corners_until.iter().any(is_free_again) {
             return ALL_FACES;

@@ -4,14 +4,14 @@ use super::epoch::Epoch;
 use super::message::{Beacon, Role};
 use super::params::{Connectivity, Params, Setup};
 use super::sides::Sides;
-use crate::defects::Defect;
-use crate::goal::{Goal, Growth};
-use crate::ids::ModuleId;
-use crate::lattice::{Cell, Face};
-use crate::time::Time;
-use std::hash::{Hash, Hasher};
-use std::ops::Deref;
-use std::sync::Arc;
+use alloc::sync::Arc;
+use core::hash::{Hash, Hasher};
+use core::ops::Deref;
+use metamorph_core::defects::Defect;
+use metamorph_core::goal::{Goal, Growth};
+use metamorph_core::ids::ModuleId;
+use metamorph_core::lattice::{Cell, Face};
+use metamorph_core::time::Time;
 
 /// The setup that all cubes of a swarm share. It never changes, so it is not part of an agent's state.
 #[derive(Clone, Debug)]

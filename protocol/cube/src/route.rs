@@ -1,7 +1,7 @@
 //! A path over faces, taken by requests and searches.
 
-use crate::lattice::Face;
-use crate::wire::{Decoder, Encoder, WireError};
+use metamorph_core::lattice::Face;
+use metamorph_core::wire::{Decoder, Encoder, WireError};
 
 /// The largest number of hops of a request.
 pub const MAX_HOPS: usize = 26;

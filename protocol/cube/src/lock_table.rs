@@ -2,9 +2,10 @@
 
 use super::call::CARRY;
 use super::message::RequestId;
-use crate::ids::{ModuleId, Token};
-use crate::lattice::Face;
-use crate::time::Time;
+use alloc::vec::Vec;
+use metamorph_core::ids::{ModuleId, Token};
+use metamorph_core::lattice::Face;
+use metamorph_core::time::Time;
 
 /// The largest number of locks that one module grants at the same time.
 const MAX_LOCKS: usize = 16;

@@ -10,14 +10,15 @@ use super::params::{BACK_OFF, BACK_OFF_SPREAD, Connectivity, MOST_DOUBLED, Param
 use super::sides::Sides;
 use super::steering::{self, Steered, Steering};
 use super::view::View;
-use crate::coverage::{CoveragePoint, hit};
-use crate::digest::Portable;
-use crate::ids::ModuleId;
-use crate::lattice::{Cell, Face, Motion, MotionKind};
-use crate::ratio::Ratio;
-use crate::rng::Rng;
-use crate::time::Time;
-use std::hash::Hash;
+use alloc::vec::Vec;
+use core::hash::Hash;
+use metamorph_core::coverage::{CoveragePoint, hit};
+use metamorph_core::digest::Portable;
+use metamorph_core::ids::ModuleId;
+use metamorph_core::lattice::{Cell, Face, Motion, MotionKind};
+use metamorph_core::ratio::Ratio;
+use metamorph_core::rng::Rng;
+use metamorph_core::time::Time;
 
 /// Number of decisions for which a module waits for its outer neighbours to leave first.
 const OUTERMOST_FIRST: u16 = 6;
@@ -261,14 +262,14 @@ fn best_of<'a>(courses: &'a [Course], longest: u16, rng: &mut Rng) -> Option<&'a
     let mut ties = 0;
     for course in courses.iter().filter(|o| o.behind.is_none() && o.moves <= longest) {
         match best.map(|b| key(course).cmp(&key(b))) {
-            None | Some(std::cmp::Ordering::Less) => (best, ties) = (Some(course), 1),
-            Some(std::cmp::Ordering::Equal) => {
+            None | Some(core::cmp::Ordering::Less) => (best, ties) = (Some(course), 1),
+            Some(core::cmp::Ordering::Equal) => {
                 ties += 1;
                 if rng.below(ties) == 0 {
                     best = Some(course);
                 }
             }
-            Some(std::cmp::Ordering::Greater) => {}
+            Some(core::cmp::Ordering::Greater) => {}
         }
     }
     best

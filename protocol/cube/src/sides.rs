@@ -6,11 +6,11 @@
 
 use super::epoch::Epoch;
 use super::message::{Beacon, Role};
-use crate::digest::Portable;
-use crate::ids::Session;
-use crate::lattice::Face;
-use crate::time::{Span, Time};
-use std::hash::Hash;
+use core::hash::Hash;
+use metamorph_core::digest::Portable;
+use metamorph_core::ids::Session;
+use metamorph_core::lattice::Face;
+use metamorph_core::time::{Span, Time};
 
 /// Sets of faces, a bit for each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]

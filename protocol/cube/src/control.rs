@@ -4,10 +4,10 @@ use super::call::Way;
 use super::epoch::{Epoch, Opening};
 use super::message::{NO_MODULE, Role};
 use super::steering::Steering;
-use crate::ids::{ModuleId, Port, Session, Token};
-use crate::lattice::{Cell, Face};
-use crate::time::Time;
-use crate::wire::{Decoder, Encoder, Wire, WireError};
+use metamorph_core::ids::{ModuleId, Port, Session, Token};
+use metamorph_core::lattice::{Cell, Face};
+use metamorph_core::time::Time;
+use metamorph_core::wire::{Decoder, Encoder, Wire, WireError};
 
 /// Stands for no token: the controller counts its requests from one.
 const NO_TOKEN: u32 = 0;

@@ -1,17 +1,17 @@
 //! Tests of the messages: every one survives the wire, and garbage is refused.
 
 use super::*;
-use crate::counters::Class;
-use crate::cube::body::{Move, Percept, Refusal};
-use crate::cube::call::{Step, Way};
-use crate::cube::control::{CustodyAnnouncement, Order, Status};
-use crate::cube::epoch::{Epoch, Opening};
-use crate::cube::route::MAX_HOPS;
-use crate::cube::steering::Steering;
-use crate::ids::{Incarnation, Port, Session};
-use crate::lattice::{Cell, Motion, MotionKind};
-use crate::time::Time;
-use crate::wire::{Channel, Frame, HEADER, Header, PAYLOAD};
+use crate::body::{Move, Percept, Refusal};
+use crate::call::{Step, Way};
+use crate::control::{CustodyAnnouncement, Order, Status};
+use crate::epoch::{Epoch, Opening};
+use crate::route::MAX_HOPS;
+use crate::steering::Steering;
+use metamorph_core::counters::Class;
+use metamorph_core::ids::{Incarnation, Port, Session};
+use metamorph_core::lattice::{Cell, Motion, MotionKind};
+use metamorph_core::time::Time;
+use metamorph_core::wire::{Channel, Frame, HEADER, Header, PAYLOAD};
 use proptest::prelude::*;
 
 fn header() -> Header {

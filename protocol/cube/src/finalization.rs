@@ -3,10 +3,10 @@
 
 use super::message::Role;
 use super::{Cube, custody};
-use crate::coverage::{CoveragePoint, hit};
-use crate::goal::Growth;
-use crate::lattice::Face;
-use crate::time::Time;
+use metamorph_core::coverage::{CoveragePoint, hit};
+use metamorph_core::goal::Growth;
+use metamorph_core::lattice::Face;
+use metamorph_core::time::Time;
 
 impl Cube {
     /// Finalizes the module in the seed cell, in every incarnation: growth starts from it.

@@ -6,11 +6,11 @@ use super::epoch::Epoch;
 use super::message::{Beacon, Claim, Entry, Message, Rank, Role};
 use super::params::{Params, Setup};
 use super::{Cube, Percept};
-use crate::agent::{Agent, Input};
-use crate::goal::{Goal, Growth};
-use crate::ids::{ModuleId, Port, Session};
-use crate::lattice::{Cell, Face};
-use crate::time::{Span, Time};
+use metamorph_core::agent::{Agent, Input};
+use metamorph_core::goal::{Goal, Growth};
+use metamorph_core::ids::{ModuleId, Port, Session};
+use metamorph_core::lattice::{Cell, Face};
+use metamorph_core::time::{Span, Time};
 
 fn beacon(sequence: u32, distance: u16) -> Beacon {
     Beacon {

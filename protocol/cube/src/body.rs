@@ -1,8 +1,8 @@
 //! Actions that a cube asks of its body, and percepts that the body returns.
 
-use crate::lattice::{Cell, Motion, MotionKind};
-use crate::time::Time;
-use crate::wire::{Decoder, Encoder, Wire, WireError};
+use metamorph_core::lattice::{Cell, Motion, MotionKind};
+use metamorph_core::time::Time;
+use metamorph_core::wire::{Decoder, Encoder, Wire, WireError};
 
 /// The action of a cube.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

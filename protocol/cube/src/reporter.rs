@@ -3,9 +3,9 @@
 use super::Cube;
 use super::control::Status;
 use super::message::Role;
-use crate::agent::Output;
-use crate::lattice::Face;
-use crate::time::Time;
+use metamorph_core::agent::Output;
+use metamorph_core::lattice::Face;
+use metamorph_core::time::Time;
 
 /// The last report.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]

@@ -1,10 +1,10 @@
 //! Epochs: which goal the cubes work for, and how often the world-controller has opened it again. In a closed epoch nothing is
 //! built, so that modules that were finalized can leave when the controller leads them.
 
-use crate::time::Time;
-use crate::wire::{Decoder, Encoder, WireError};
-use std::cmp::Ordering;
-use std::fmt;
+use core::cmp::Ordering;
+use core::fmt;
+use metamorph_core::time::Time;
+use metamorph_core::wire::{Decoder, Encoder, WireError};
 
 /// A goal, and how often it has been opened again.
 ///

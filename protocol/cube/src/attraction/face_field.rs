@@ -2,9 +2,10 @@
 //! from following its own echo.
 
 use super::super::message::Entry;
-use crate::coverage::{CoveragePoint, hit};
-use crate::time::{Span, Time};
-use std::hash::{Hash, Hasher};
+use alloc::vec::Vec;
+use core::hash::{Hash, Hasher};
+use metamorph_core::coverage::{CoveragePoint, hit};
+use metamorph_core::time::{Span, Time};
 
 /// The largest number of sources remembered per face.
 pub(super) const MAX_RECORDS: usize = 16;

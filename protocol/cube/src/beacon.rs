@@ -4,9 +4,9 @@
 
 use super::Cube;
 use super::message::{Beacon, Claim, Entry, Message, Role};
-use crate::counters::Class;
-use crate::lattice::Face;
-use crate::time::{Span, Time};
+use metamorph_core::counters::Class;
+use metamorph_core::lattice::Face;
+use metamorph_core::time::{Span, Time};
 
 /// A distance that has fallen by at least 1/`MUCH_CLOSER` of its new value is sent after one `advertise`, without a
 /// further delay.

@@ -11,13 +11,14 @@ use super::lock_table::Lock;
 use super::message::{Ask, Denial, Message, RequestId, Role};
 use super::params::Connectivity;
 use super::route::Route;
-use crate::agent::Output;
-use crate::counters::Class;
-use crate::coverage::{CoveragePoint, hit};
-use crate::defects::Defect;
-use crate::ids::{ModuleId, Token};
-use crate::lattice::{Cell, Face, Motion};
-use crate::time::{Span, Time};
+use alloc::vec::Vec;
+use metamorph_core::agent::Output;
+use metamorph_core::counters::Class;
+use metamorph_core::coverage::{CoveragePoint, hit};
+use metamorph_core::defects::Defect;
+use metamorph_core::ids::{ModuleId, Token};
+use metamorph_core::lattice::{Cell, Face, Motion};
+use metamorph_core::time::{Span, Time};
 
 /// The largest number of requests of one attempt.
 const MAX_REQUESTS: usize = 24;
@@ -71,7 +72,7 @@ impl Cube {
 
     /// Asks for the destination of the attempt's motion.
     pub(super) fn ask_for_destination(&mut self, now: Time) {
-        use crate::lattice::MotionKind::{Convex, Slide};
+        use metamorph_core::lattice::MotionKind::{Convex, Slide};
         let Some(Attempt { motion, .. }) = self.attempt else { return };
         if self.sides.is_certified_dead(motion.support) {
             // It grants nothing, and does not leave.
@@ -317,7 +318,7 @@ impl Cube {
             self.prevented += u32::from(denial.is_collision());
             return self.abort_attempt(now, blocker);
         }
-        if std::mem::replace(&mut request.granted, true) {
+        if core::mem::replace(&mut request.granted, true) {
             return;
         }
         let (ask, route) = (request.ask, request.route);

@@ -17,6 +17,10 @@
 //! `queries` answers audits and viewers. Not here: any knowledge of the world beyond contacts, messages and
 //! the module's own cell.
 
+#![cfg_attr(not(test), no_std)]
+
+extern crate alloc;
+
 mod attraction;
 mod beacon;
 pub mod body;
@@ -45,32 +49,34 @@ mod comparison_tests;
 
 pub use attraction::Successor;
 
-use crate::agent::Summary;
-use crate::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
-use crate::counters::Class;
-use crate::coverage::{CoveragePoint, hit};
-use crate::defects::Defect;
-use crate::ids::{Incarnation, Port, Session};
-use crate::lattice::{Cell, Face};
-use crate::rng::Rng;
-use crate::time::{Span, Time};
+use alloc::borrow::ToOwned;
+use alloc::boxed::Box;
+use alloc::collections::VecDeque;
+use alloc::sync::Arc;
 use attraction::Attraction;
 use beacon::Beacons;
 use body::{Move, Percept};
 use call::Called;
 use control::{Order, Status};
+use core::hash::Hasher;
 use epoch::{Epoch, Opening};
 use lock_table::{Lock, LockTable};
 use message::{Beacon, Message, RequestId, Role};
+use metamorph_core::agent::Summary;
+use metamorph_core::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
+use metamorph_core::counters::Class;
+use metamorph_core::coverage::{CoveragePoint, hit};
+use metamorph_core::defects::Defect;
+use metamorph_core::ids::{Incarnation, Port, Session};
+use metamorph_core::lattice::{Cell, Face};
+use metamorph_core::rng::Rng;
+use metamorph_core::time::{Span, Time};
 use motion_planner::MotionPlanner;
 use negotiation::Attempt;
 use params::{Connectivity, Setup};
 use parent_forest::{Effect, Held, ParentForest, Tokens};
 use reporter::Reporter;
 use sides::Sides;
-use std::collections::VecDeque;
-use std::hash::Hasher;
-use std::sync::Arc;
 use steering::Steered;
 use view::{GoalMasks, Own, Shared, View};
 
@@ -185,7 +191,7 @@ impl Timer {
 impl Cube {
     /// Creates the module with number 0 at the origin, at time zero.
     fn first(setup: Setup) -> Cube {
-        let (id, place, born) = (crate::ids::ModuleId(0), Cell::default(), Time::ZERO);
+        let (id, place, born) = (metamorph_core::ids::ModuleId(0), Cell::default(), Time::ZERO);
         let birth = Birth { id, place, incarnation: Incarnation(0), seed: 1, born };
         Cube::new(&Arc::new(setup), birth, born)
     }

@@ -3,11 +3,12 @@
 
 use super::Cube;
 use super::motion_planner::Courses;
-use crate::coverage::{CoveragePoint, hit};
-use crate::lattice::{Cell, Motion};
-use crate::rng::Rng;
-use crate::time::Time;
-use crate::wire::{Decoder, Encoder, WireError};
+use alloc::vec::Vec;
+use metamorph_core::coverage::{CoveragePoint, hit};
+use metamorph_core::lattice::{Cell, Motion};
+use metamorph_core::rng::Rng;
+use metamorph_core::time::Time;
+use metamorph_core::wire::{Decoder, Encoder, WireError};
 
 /// What a cube is commanded to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -19,13 +19,13 @@ use super::custody::{self, Custody};
 use super::message::{Beacon, Claim, Rank, Role};
 use super::params::Connectivity;
 use super::view::View;
-use crate::coverage::{CoveragePoint, hit};
-use crate::defects::Defect;
-use crate::digest::Portable;
-use crate::ids::{ModuleId, Token};
-use crate::lattice::Face;
-use crate::time::{Span, Time};
-use std::hash::Hash;
+use core::hash::Hash;
+use metamorph_core::coverage::{CoveragePoint, hit};
+use metamorph_core::defects::Defect;
+use metamorph_core::digest::Portable;
+use metamorph_core::ids::{ModuleId, Token};
+use metamorph_core::lattice::Face;
+use metamorph_core::time::{Span, Time};
 
 /// The label of a module without a parent.
 pub(super) const UNLABELLED: u16 = u16::MAX;

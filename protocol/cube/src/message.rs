@@ -2,12 +2,12 @@
 
 use super::epoch::Epoch;
 use super::route::Route;
-use crate::coverage::CoveragePoint;
-use crate::ids::{ModuleId, Token};
-use crate::lattice::Face;
-use crate::time::{Span, Time};
-use crate::wire::{Decoder, Encoder, Wire, WireError};
-use std::fmt;
+use core::fmt;
+use metamorph_core::coverage::CoveragePoint;
+use metamorph_core::ids::{ModuleId, Token};
+use metamorph_core::lattice::Face;
+use metamorph_core::time::{Span, Time};
+use metamorph_core::wire::{Decoder, Encoder, Wire, WireError};
 
 /// The role of a module in the growth of the goal (thesis 4.1.2: wandering, finalized; a module of the
 /// initial body that has not been recruited yet is in reserve).
@@ -533,7 +533,7 @@ impl Wire for Message {
 
     fn wire_len(&self) -> usize {
         // Fixed layouts; a test compares them with what `encode` writes.
-        crate::wire::HEADER
+        metamorph_core::wire::HEADER
             + match self {
                 Message::Beacon(_) => 80,
                 Message::Request { .. } => 30,

@@ -13,11 +13,12 @@ use super::Cube;
 use super::message::{Ask, Message, Reached, RequestId, Role};
 use super::route::Route;
 use super::view::View;
-use crate::counters::Class;
-use crate::coverage::{CoveragePoint, hit};
-use crate::defects::Defect;
-use crate::lattice::{Cell, Face};
-use crate::time::Time;
+use alloc::vec::Vec;
+use metamorph_core::counters::Class;
+use metamorph_core::coverage::{CoveragePoint, hit};
+use metamorph_core::defects::Defect;
+use metamorph_core::lattice::{Cell, Face};
+use metamorph_core::time::Time;
 
 /// Depths of successive searches, in hops.
 const DEPTHS: [u8; 4] = [4, 8, 14, 22];
@@ -293,15 +294,15 @@ impl Cube {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::{Agent, Input, Output};
-    use crate::cube::control::Order;
-    use crate::cube::epoch::Epoch;
-    use crate::cube::message::{Beacon, Claim, Entry, Rank};
-    use crate::cube::params::{Connectivity, Params, Setup};
-    use crate::goal::{Goal, Growth};
-    use crate::ids::{ModuleId, Port, Session, Token};
-    use crate::lattice::{Motion, MotionKind};
-    use crate::time::Span;
+    use crate::control::Order;
+    use crate::epoch::Epoch;
+    use crate::message::{Beacon, Claim, Entry, Rank};
+    use crate::params::{Connectivity, Params, Setup};
+    use metamorph_core::agent::{Agent, Input, Output};
+    use metamorph_core::goal::{Goal, Growth};
+    use metamorph_core::ids::{ModuleId, Port, Session, Token};
+    use metamorph_core::lattice::{Motion, MotionKind};
+    use metamorph_core::time::Span;
 
     /// Returns a module in reserve at the origin with a live neighbour in the east and a dead one in the
     /// west.
@@ -395,7 +396,7 @@ mod tests {
         let (mut ignores, mut knows) = (between(false), between(false));
         let params = |cube: &Cube| Params { defect: Some(Defect::IgnoreDead), ..cube.own.params().clone() };
         let setup = Setup { params: params(&ignores), goals: ignores.own.setup.goals.clone() };
-        ignores.own.setup = super::super::view::Shared(std::sync::Arc::new(setup));
+        ignores.own.setup = super::super::view::Shared(alloc::sync::Arc::new(setup));
         assert!(ignores.ask_for_cycles(NOW) && !knows.ask_for_cycles(NOW));
     }
 
