@@ -14,10 +14,10 @@ pub mod metamodule;
 pub mod on_grid;
 pub mod pairing;
 pub mod plan;
-pub mod roombots;
 
 pub use metamorph_core::{
     agent, counters, coverage, defects, digest, goal, host, ids, lattice, link, ratio, record, rng, runtime,
     shape, time, wire,
 };
 pub use metamorph_cube as cube;
+pub use metamorph_roombots as roombots;

@@ -3,7 +3,7 @@
 //! +120° about (1,1,1) is the cyclic permutation x→y→z→x and 90° about z a signed permutation, so a
 //! robot whose joints are at lattice angles never needs a floating-point number.
 
-use crate::lattice::{Cell, Face};
+use metamorph_core::lattice::{Cell, Face};
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::ops::Mul;

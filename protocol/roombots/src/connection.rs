@@ -10,8 +10,8 @@
 use super::chain::{Chain, Pose, rotation_vector};
 use super::torque::{Load, torques};
 use super::{CELL_METRES, Kind, KinematicsError};
-use crate::ratio::Ratio;
-use crate::rng::Rng;
+use metamorph_core::ratio::Ratio;
+use metamorph_core::rng::Rng;
 use nalgebra::{Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 

@@ -1,11 +1,11 @@
 //! Inverse kinematics: all solutions of random and of lattice targets, and what is out of reach.
 
-use metamorph_protocol::rng::Rng;
-use metamorph_protocol::roombots::chain::{Chain, Pose, forward, joint_distance, random_angles};
-use metamorph_protocol::roombots::inverse::levenberg_marquardt::{self, Options};
-use metamorph_protocol::roombots::inverse::{InverseError, solve};
-use metamorph_protocol::roombots::posture::Posture;
-use metamorph_protocol::roombots::{Kind, KinematicsError};
+use metamorph_core::rng::Rng;
+use metamorph_roombots::chain::{Chain, Pose, forward, joint_distance, random_angles};
+use metamorph_roombots::inverse::levenberg_marquardt::{self, Options};
+use metamorph_roombots::inverse::{InverseError, solve};
+use metamorph_roombots::posture::Posture;
+use metamorph_roombots::{Kind, KinematicsError};
 use nalgebra::{Matrix3, Vector3};
 
 /// Targets that postures with random angles make. Returns how often the generating posture was
@@ -35,7 +35,7 @@ fn random_targets_are_solved() {
     }
 }
 
-/// `cargo test --release -p metamorph-protocol --test roombots_inverse -- --ignored --nocapture`
+/// `cargo test --release -p metamorph-roombots --test inverse -- --ignored --nocapture`
 #[test]
 #[ignore = "10,000 targets per kind: seconds in release, a minute without optimisation"]
 fn ten_thousand_targets_per_kind() {

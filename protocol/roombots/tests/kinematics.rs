@@ -1,12 +1,12 @@
 //! Forward kinematics of the Roombots: test vectors of an independent model, the tie between the
 //! continuous and the integer model, and the symmetries.
 
-use metamorph_protocol::rng::Rng;
-use metamorph_protocol::roombots::chain::{Chain, Pose, forward, mirror, random_angles};
-use metamorph_protocol::roombots::connector::{Site, connector_pose};
-use metamorph_protocol::roombots::grid::{GridState, fewest_moves, landings};
-use metamorph_protocol::roombots::posture::Posture;
-use metamorph_protocol::roombots::{Kind, KinematicsError};
+use metamorph_core::rng::Rng;
+use metamorph_roombots::chain::{Chain, Pose, forward, mirror, random_angles};
+use metamorph_roombots::connector::{Site, connector_pose};
+use metamorph_roombots::grid::{GridState, fewest_moves, landings};
+use metamorph_roombots::posture::Posture;
+use metamorph_roombots::{Kind, KinematicsError};
 use nalgebra::{Matrix3, Vector3};
 use proptest::prelude::*;
 use serde::Deserialize;

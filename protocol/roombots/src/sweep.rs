@@ -15,7 +15,7 @@ use super::convex::{Cuboid, overlap};
 use super::lattice_pose::{Half, LatticeRotation};
 use super::posture::{Placement, Posture, is_middle};
 use super::{CELL_METRES, HALF_EDGE, Kind, OUTER_RADIUS};
-use crate::lattice::{Cell, Face};
+use metamorph_core::lattice::{Cell, Face};
 use nalgebra::{Matrix3, Vector3};
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
@@ -76,7 +76,7 @@ const CERTAIN_DEPTH: f64 = 14.0 / 110.0;
 
 /// The two ways a joint turns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Turn {
+pub enum Turn {
     /// 120° about (1,1,1) through the centre of a cube.
     Outer,
     /// 90° about z through the plate between two cubes.
@@ -84,7 +84,8 @@ pub(crate) enum Turn {
 }
 
 impl Turn {
-    pub(crate) fn at(self, fraction: f64) -> Matrix3<f64> {
+    /// Returns the rotation after this part of the turn, 0 to 1.
+    pub fn at(self, fraction: f64) -> Matrix3<f64> {
         match self {
             Turn::Outer => rotation(&diagonal(), fraction * TAU / 3.0),
             Turn::Middle => rotation(&Vector3::z(), fraction * FRAC_PI_2),
@@ -94,7 +95,7 @@ impl Turn {
 
 /// A cube in the frame of the joint: place in half cells from the pivot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Part {
+pub enum Part {
     /// In front of the joint.
     Still(Half),
     /// The cube of an outer joint: its lower half stays, its upper half turns.
@@ -104,7 +105,8 @@ pub(crate) enum Part {
 }
 
 impl Part {
-    pub(crate) fn body(self, turn: &Matrix3<f64>) -> Body {
+    /// Returns the body in the frame of a joint that has turned by `turn`.
+    pub fn body(self, turn: &Matrix3<f64>) -> Body {
         let at = |h: Half| Vector3::from(h.map(|x| f64::from(x) / 2.0));
         let still = Pose::identity();
         match self {
@@ -128,7 +130,7 @@ struct PartSweep {
 }
 
 /// Number of samples per step: one every degree or less.
-pub(crate) const SAMPLES: u32 = 120;
+pub const SAMPLES: u32 = 120;
 
 /// Sweeps of all places met so far.
 #[derive(Debug, Default)]
@@ -234,17 +236,20 @@ impl Sweeper {
 }
 
 /// The frame of a joint at the start of a step.
-pub(crate) struct Frame {
-    pub(crate) turn: Turn,
+pub struct Frame {
+    /// How the joint turns.
+    pub turn: Turn,
     joint: usize,
     /// The pivot in half cells of the foot frame.
-    pub(crate) pivot: Half,
+    pub pivot: Half,
     rotation: LatticeRotation,
-    pub(crate) to_joint: LatticeRotation,
+    /// Turns directions of the foot frame into the frame of the joint.
+    pub to_joint: LatticeRotation,
 }
 
 impl Frame {
-    pub(crate) fn of(kind: Kind, start: &Placement, joint: usize) -> Frame {
+    /// Returns the frame of a joint of a metamodule that stands as placed.
+    pub fn of(kind: Kind, start: &Placement, joint: usize) -> Frame {
         debug_assert!(joint < kind.joints());
         // Cubes 0, 0-1, 1 for the first module, 2, 2-3, 3 for the second.
         let cube = joint / 3 * 2 + usize::from(joint % 3 == 2);
@@ -258,10 +263,11 @@ impl Frame {
         Frame { turn, joint, pivot, rotation, to_joint: rotation.inverse() }
     }
     /// Returns the place in the frame of the joint of a point of the foot frame.
-    pub(crate) fn place(&self, at: Half) -> Half {
+    pub fn place(&self, at: Half) -> Half {
         self.to_joint.apply([0, 1, 2].map(|i| at[i] - self.pivot[i]))
     }
-    pub(crate) fn part(&self, start: &Placement, cube: usize) -> Part {
+    /// Returns one of the four cubes as a part of the joint's frame.
+    pub fn part(&self, start: &Placement, cube: usize) -> Part {
         let place = self.place(half(start.cells[cube]));
         // The joint between a cube's own halves; joints in front of that one move the whole cube.
         match self.joint.cmp(&[0, 2, 3, 5][cube]) {
@@ -270,7 +276,8 @@ impl Frame {
             Ordering::Greater => Part::Still(place),
         }
     }
-    pub(crate) fn cell(&self, place: Half) -> Cell {
+    /// Returns the cell of the foot frame at a place of the frame of the joint.
+    pub fn cell(&self, place: Half) -> Cell {
         let at = self.rotation.apply(place);
         let [x, y, z] = [0, 1, 2].map(|i| self.pivot[i] + at[i]);
         Cell::new(x / 2, y / 2, (z - 1) / 2)
@@ -324,7 +331,7 @@ fn sweep_part(turn: Turn, part: Part) -> PartSweep {
 }
 
 /// Returns the places of cells that a body of this radius centred here may enter.
-pub(crate) fn near_places(turn: Turn, centre: &Vector3<f64>, radius: f64) -> Vec<Half> {
+pub fn near_places(turn: Turn, centre: &Vector3<f64>, radius: f64) -> Vec<Half> {
     // For an outer joint the pivot is a cell centre, for a middle one a face centre along z.
     let offset = [0.0, 0.0, if turn == Turn::Middle { 0.5 } else { 0.0 }];
     let range = |i: usize| {
@@ -359,12 +366,13 @@ pub fn entry_depth(body: &Body, cell: &Vector3<f64>, than: f64) -> Option<f64> {
     Some(low)
 }
 
-pub(crate) fn maximum(values: impl Iterator<Item = f64>) -> (f64, usize) {
+/// Returns the largest value and its index.
+pub fn maximum(values: impl Iterator<Item = f64>) -> (f64, usize) {
     values.enumerate().fold((f64::MIN, 0), |best, (i, v)| if v > best.0 { (v, i) } else { best })
 }
 
 /// Refines the maximum of `f` near sample `i`, where it is `best`, by golden section.
-pub(crate) fn refined(best: f64, i: usize, f: impl Fn(f64) -> f64) -> f64 {
+pub fn refined(best: f64, i: usize, f: impl Fn(f64) -> f64) -> f64 {
     const GOLDEN: f64 = 0.618_033_988_749_895;
     let step = 1.0 / f64::from(SAMPLES);
     let at = i as f64 * step;

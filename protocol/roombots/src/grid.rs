@@ -3,7 +3,7 @@
 use super::Kind;
 use super::lattice_pose::{LatticePose, LatticeRotation};
 use super::posture::Posture;
-use crate::lattice::Face;
+use metamorph_core::lattice::Face;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;

@@ -1,14 +1,14 @@
 //! The motion database: every count of its generator, its bytes, and that its sweeps are complete.
 
-use metamorph_protocol::lattice::{Cell, Face};
-use metamorph_protocol::rng::Rng;
-use metamorph_protocol::roombots::body::bodies;
-use metamorph_protocol::roombots::collision::{SHRINK, self_collision};
-use metamorph_protocol::roombots::database::{CellSet, Database, DatabaseError, Direction, Step, Table};
-use metamorph_protocol::roombots::posture::{Posture, is_middle};
-use metamorph_protocol::roombots::shape::{Shape, hand};
-use metamorph_protocol::roombots::sweep::{CORE_DEPTH, FloorContact, GRAZE_DEPTH, Sweeper, entry_depth};
-use metamorph_protocol::roombots::{CELL_METRES, HALF_EDGE, Kind};
+use metamorph_core::lattice::{Cell, Face};
+use metamorph_core::rng::Rng;
+use metamorph_roombots::body::bodies;
+use metamorph_roombots::collision::{SHRINK, self_collision};
+use metamorph_roombots::database::{CellSet, Database, DatabaseError, Direction, Step, Table};
+use metamorph_roombots::posture::{Posture, is_middle};
+use metamorph_roombots::shape::{Shape, hand};
+use metamorph_roombots::sweep::{CORE_DEPTH, FloorContact, GRAZE_DEPTH, Sweeper, entry_depth};
+use metamorph_roombots::{CELL_METRES, HALF_EDGE, Kind};
 use nalgebra::Vector3;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;

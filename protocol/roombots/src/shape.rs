@@ -1,6 +1,6 @@
 //! Shapes of a metamodule on the lattice.
 
-use crate::lattice::{Cell, Face};
+use metamorph_core::lattice::{Cell, Face};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 

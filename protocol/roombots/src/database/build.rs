@@ -2,11 +2,11 @@
 
 use super::format::with_places;
 use super::{CellSet, Database, NOT_CONNECTED, PostureEntry, Step, Table};
-use crate::lattice::Cell;
-use crate::roombots::Kind;
-use crate::roombots::posture::Posture;
-use crate::roombots::shape::Shape;
-use crate::roombots::sweep::{FloorContact, StepSweep, Sweeper};
+use crate::Kind;
+use crate::posture::Posture;
+use crate::shape::Shape;
+use crate::sweep::{FloorContact, StepSweep, Sweeper};
+use metamorph_core::lattice::Cell;
 use std::collections::{BTreeSet, VecDeque};
 
 pub(super) fn build() -> Database {

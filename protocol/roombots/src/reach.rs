@@ -14,7 +14,7 @@ use super::inverse::levenberg_marquardt;
 use super::inverse::{Solution, solve};
 use super::spheres;
 use super::{HALF_EDGE, Kind};
-use crate::rng::Rng;
+use metamorph_core::rng::Rng;
 use std::collections::BTreeSet;
 
 /// The conditions under which a state counts as reached.

@@ -3,7 +3,7 @@
 use super::lattice_pose::{LatticePose, LatticeRotation};
 use super::posture::is_middle;
 use super::{Kind, KinematicsError};
-use crate::rng::Rng;
+use metamorph_core::rng::Rng;
 use nalgebra::{Matrix3, Vector3, Vector6};
 use std::f64::consts::PI;
 

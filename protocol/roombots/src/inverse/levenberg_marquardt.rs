@@ -3,8 +3,8 @@
 //! Incomplete by nature: from a random start about three of four targets of a metamodule are found.
 
 use super::damped_step;
-use crate::rng::Rng;
-use crate::roombots::chain::{Chain, Pose, random_angle, wrapped};
+use crate::chain::{Chain, Pose, random_angle, wrapped};
+use metamorph_core::rng::Rng;
 use nalgebra::{Matrix3x6, Matrix6, Vector3, Vector6};
 use std::f64::consts::PI;
 

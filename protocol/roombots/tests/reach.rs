@@ -1,12 +1,12 @@
 //! The counts of reachable connectors (thesis table 2.2) per set of assumptions, and static torque.
 
-use metamorph_protocol::roombots::Kind;
-use metamorph_protocol::roombots::grid::GridState;
-use metamorph_protocol::roombots::posture::Posture;
-use metamorph_protocol::roombots::reach::{
+use metamorph_roombots::Kind;
+use metamorph_roombots::grid::GridState;
+use metamorph_roombots::posture::Posture;
+use metamorph_roombots::reach::{
     Assumptions, PUBLISHED, incomplete_search, positions, reachable, reachable_each,
 };
-use metamorph_protocol::roombots::torque::{Limits, Load, Torque, overloaded, torques};
+use metamorph_roombots::torque::{Limits, Load, Torque, overloaded, torques};
 use nalgebra::Vector3;
 use std::collections::BTreeSet;
 

@@ -1,8 +1,8 @@
 //! The single module: three angles cannot reach every pose; the solution of a reachable one is in closed
 //! form.
 
-use crate::roombots::HALF_EDGE;
-use crate::roombots::chain::{Pose, diagonal, flip, rotation};
+use crate::HALF_EDGE;
+use crate::chain::{Pose, diagonal, flip, rotation};
 use nalgebra::Vector3;
 
 /// Offers every candidate; the caller checks whether it reaches the whole pose.

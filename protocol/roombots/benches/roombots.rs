@@ -1,17 +1,17 @@
 //! How long the Roombots model takes: building and reading the motion database, and solving inverse
 //! kinematics with the complete solver beside damped least squares.
 //!
-//! `cargo bench -p metamorph-protocol --bench roombots` prints medians and, for the solvers, what
+//! `cargo bench -p metamorph-roombots --bench roombots` prints medians and, for the solvers, what
 //! they achieve. `ROOMBOTS_TARGETS` sets the number of targets per kind (default 2000).
 
 #![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "a benchmark reads the clock and prints")]
 
-use metamorph_protocol::rng::Rng;
-use metamorph_protocol::roombots::Kind;
-use metamorph_protocol::roombots::chain::{Chain, joint_distance, random_angles};
-use metamorph_protocol::roombots::database::Database;
-use metamorph_protocol::roombots::inverse::levenberg_marquardt::{Options, solve_from_random_starts};
-use metamorph_protocol::roombots::inverse::solve;
+use metamorph_core::rng::Rng;
+use metamorph_roombots::Kind;
+use metamorph_roombots::chain::{Chain, joint_distance, random_angles};
+use metamorph_roombots::database::Database;
+use metamorph_roombots::inverse::levenberg_marquardt::{Options, solve_from_random_starts};
+use metamorph_roombots::inverse::solve;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 

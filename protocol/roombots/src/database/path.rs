@@ -1,8 +1,8 @@
 //! Shortest paths through the database.
 
 use super::{CellSet, Table};
-use crate::roombots::shape::Shape;
-use crate::roombots::sweep::FloorContact;
+use crate::shape::Shape;
+use crate::sweep::FloorContact;
 use std::collections::VecDeque;
 
 /// The direction in which a step of the database is taken.

@@ -13,11 +13,11 @@
 
 use super::build::shape_of;
 use super::{CellChain, CellSet, Database, Landing, PostureEntry, Step, Table};
-use crate::lattice::Cell;
-use crate::roombots::Kind;
-use crate::roombots::grid::{self, GridState};
-use crate::roombots::posture::Posture;
-use crate::roombots::sweep::FloorContact;
+use crate::Kind;
+use crate::grid::{self, GridState};
+use crate::posture::Posture;
+use crate::sweep::FloorContact;
+use metamorph_core::lattice::Cell;
 use std::collections::BTreeMap;
 use thiserror::Error;
 

@@ -22,9 +22,9 @@
 //! at the merging points and close pairs of roots are not lost. A straight section (d1 = d2) leaves
 //! axis 3 free and is a case of its own.
 
-use crate::roombots::HALF_EDGE;
-use crate::roombots::Kind;
-use crate::roombots::chain::{Pose, diagonal, flip, rotation};
+use crate::HALF_EDGE;
+use crate::Kind;
+use crate::chain::{Pose, diagonal, flip, rotation};
 use nalgebra::{Matrix3, Vector3};
 use std::f64::consts::{PI, TAU};
 

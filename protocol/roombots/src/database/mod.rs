@@ -17,7 +17,7 @@ use super::grid::GridState;
 use super::posture::Posture;
 use super::shape::Shape;
 use super::sweep::FloorContact;
-use crate::lattice::Cell;
+use metamorph_core::lattice::Cell;
 
 /// The database of all kinds.
 #[derive(Clone, Debug, PartialEq, Eq)]

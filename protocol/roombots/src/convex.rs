@@ -128,7 +128,7 @@ fn tetrahedron(a: Vector3<f64>, b: Vector3<f64>, c: Vector3<f64>, d: Vector3<f64
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Rng;
+    use metamorph_core::rng::Rng;
 
     struct Ball(Vector3<f64>, f64);
     impl Convex for Ball {

@@ -2,7 +2,7 @@
 
 use super::lattice_pose::{LatticePose, LatticeRotation};
 use super::{Kind, KinematicsError};
-use crate::lattice::{Cell, Face};
+use metamorph_core::lattice::{Cell, Face};
 
 /// The largest number of joints of a robot.
 pub const MAX_JOINTS: usize = 6;
