@@ -8,7 +8,6 @@
 
 pub mod assembly;
 pub mod free_module;
-pub mod host_link;
 pub mod manipulation;
 pub mod metamodule;
 pub mod on_grid;
@@ -20,4 +19,5 @@ pub use metamorph_core::{
     shape, time, wire,
 };
 pub use metamorph_cube as cube;
+pub use metamorph_host_link as host_link;
 pub use metamorph_roombots as roombots;

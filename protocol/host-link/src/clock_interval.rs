@@ -5,7 +5,7 @@
 //! `b2 − a2` and at most `b1 − a1`. Intervals of several exchanges are intersected, each widened by what the clocks may
 //! have drifted apart since `a1`: the other end's stamps are from an unknown time after it.
 
-use crate::time::Time;
+use metamorph_core::time::Time;
 use std::collections::VecDeque;
 
 /// The number of exchanges kept.
@@ -82,7 +82,7 @@ impl ClockExchanges {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Rng;
+    use metamorph_core::rng::Rng;
 
     /// Clocks that differ and drift, and ways of different length: the interval holds the difference at all times.
     #[test]

@@ -26,9 +26,9 @@
 //! Terms are the versions and hashes that both ends have to share, and what the sender offers: program 4, build 8, swarm
 //! 8, room 4.
 
-use crate::ids::HostId;
-use crate::time::Time;
-use crate::wire::{Frame, HEADER as FRAME_HEADER};
+use metamorph_core::ids::HostId;
+use metamorph_core::time::Time;
+use metamorph_core::wire::{Frame, HEADER as FRAME_HEADER};
 use thiserror::Error;
 
 /// The version of the layout.
@@ -45,7 +45,7 @@ pub const MAX_PART: usize = MAX_PACKET - HEADER - 8;
 pub const FRAMES_HEADER: usize = 10;
 
 const MAGIC: [u8; 4] = *b"MMTR";
-const CLASSES: usize = crate::counters::Class::ALL.len();
+const CLASSES: usize = metamorph_core::counters::Class::ALL.len();
 
 /// One start of a host daemon: 64 random bits. A restarted daemon has another life.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -414,10 +414,10 @@ impl<'a> Reader<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::counters::Class;
-    use crate::ids::{Incarnation, ModuleId, Port};
-    use crate::lattice::Cell;
-    use crate::wire::{Channel, Header};
+    use metamorph_core::counters::Class;
+    use metamorph_core::ids::{Incarnation, ModuleId, Port};
+    use metamorph_core::lattice::Cell;
+    use metamorph_core::wire::{Channel, Header};
     use proptest::prelude::*;
 
     fn frame(sequence: u32) -> Frame {

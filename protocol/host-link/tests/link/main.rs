@@ -4,10 +4,10 @@
 mod hostile;
 mod pair;
 
-use metamorph_protocol::defects::HostLinkDefect;
-use metamorph_protocol::host_link::packet::{Content, Packet, Run};
-use metamorph_protocol::host_link::{Channel, Config, HostLink, Offered, Output, Refused, State};
-use metamorph_protocol::time::{Span, Time};
+use metamorph_core::defects::HostLinkDefect;
+use metamorph_core::time::{Span, Time};
+use metamorph_host_link::packet::{Content, Packet, Run};
+use metamorph_host_link::{Channel, Config, HostLink, Offered, Output, Refused, State};
 use pair::{Pair, Plain, WINDOW};
 use proptest::prelude::*;
 use proptest::test_runner::{Config as ProptestConfig, TestRunner};

@@ -1,8 +1,8 @@
 //! Frames between modules on a host link: numbered, at most once and in order, never sent again; what is lost is counted
 //! by class.
 
-use crate::counters::Class;
-use crate::wire::Frame;
+use metamorph_core::counters::Class;
+use metamorph_core::wire::Frame;
 use std::collections::VecDeque;
 
 /// The most frames under way.

@@ -1,15 +1,15 @@
 //! Two ends of a host link and a carrier that loses, doubles, reorders, cuts, and restarts an end; and what must hold.
 
-use metamorph_protocol::counters::Class;
-use metamorph_protocol::defects::HostLinkDefect;
-use metamorph_protocol::host_link::packet::{Life, Proof, Run, Terms};
-use metamorph_protocol::host_link::{
+use metamorph_core::counters::Class;
+use metamorph_core::defects::HostLinkDefect;
+use metamorph_core::ids::{HostId, Incarnation, ModuleId, Port};
+use metamorph_core::lattice::Cell;
+use metamorph_core::time::{Span, Time};
+use metamorph_core::wire::{self, Frame, Header};
+use metamorph_host_link::packet::{Life, Proof, Run, Terms};
+use metamorph_host_link::{
     Channel, Config, FrameCounts, HostLink, Offered, Output, Prover, Role, State, Timing, total,
 };
-use metamorph_protocol::ids::{HostId, Incarnation, ModuleId, Port};
-use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::time::{Span, Time};
-use metamorph_protocol::wire::{self, Frame, Header};
 
 /// A proof without a secret: enough to tell lives and numbers apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

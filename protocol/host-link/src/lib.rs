@@ -26,10 +26,10 @@ pub use events::{Channel, Offered, Output, Refused, State};
 pub use frames::{BYTE_WINDOW, FRAME_WINDOW, FrameCounts, PerClass};
 pub use streams::STREAM_WINDOW;
 
-use crate::counters::Class;
-use crate::defects::HostLinkDefect;
-use crate::time::Time;
-use crate::wire::Frame;
+use metamorph_core::counters::Class;
+use metamorph_core::defects::HostLinkDefect;
+use metamorph_core::time::Time;
+use metamorph_core::wire::Frame;
 use packet::{Content, Life, Packet, Proof, Terms};
 use session::{Session, Status};
 use std::collections::VecDeque;

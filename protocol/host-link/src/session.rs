@@ -5,9 +5,9 @@ use super::frames::{FrameCounts, FrameReceiver, FrameSender};
 use super::packet::{Ack, Content, FRAMES_HEADER, HEADER, Life, MAX_PACKET};
 use super::streams::{StreamReceiver, StreamSender};
 use super::{Channel, Config, Refused, Role};
-use crate::defects::HostLinkDefect;
-use crate::time::{Span, Time};
-use crate::wire::Frame;
+use metamorph_core::defects::HostLinkDefect;
+use metamorph_core::time::{Span, Time};
+use metamorph_core::wire::Frame;
 
 /// An acknowledgement is sent at once after this many packets.
 const PACKETS_PER_ACK: u32 = 64;

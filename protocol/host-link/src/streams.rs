@@ -2,7 +2,7 @@
 //! gap.
 
 use super::packet::MAX_PART;
-use crate::time::{Span, Time};
+use metamorph_core::time::{Span, Time};
 use std::collections::VecDeque;
 
 /// The most bytes of a stream that are kept until they are acknowledged.

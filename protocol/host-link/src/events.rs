@@ -1,7 +1,7 @@
 //! What a host link tells its owner: states, outputs, and what has become of inputs.
 
 use super::packet::{Life, PacketError, Terms};
-use crate::wire::Frame;
+use metamorph_core::wire::Frame;
 use thiserror::Error;
 
 /// The state of a link.

@@ -1,9 +1,9 @@
 //! The configuration of one end of a host link.
 
 use super::packet::{Life, Proof, Run, Terms};
-use crate::defects::HostLinkDefect;
-use crate::ids::HostId;
-use crate::time::Span;
+use metamorph_core::defects::HostLinkDefect;
+use metamorph_core::ids::HostId;
+use metamorph_core::time::Span;
 
 /// Makes the proofs of a greeting from a secret that all hosts of a run share.
 pub trait Prover {

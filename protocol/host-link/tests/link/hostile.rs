@@ -2,13 +2,13 @@
 //! panics, nothing is taken without proof, all bounds and counts hold.
 
 use crate::pair::{Plain, WINDOW, config};
-use metamorph_protocol::counters::Class;
-use metamorph_protocol::host_link::packet::{Ack, Content, Life, Packet, Proof, Run, Terms};
-use metamorph_protocol::host_link::{Channel, HostLink, Output, Prover, STREAM_WINDOW};
-use metamorph_protocol::ids::{HostId, Incarnation, ModuleId, Port};
-use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::time::{Span, Time};
-use metamorph_protocol::wire::{self, Frame, Header};
+use metamorph_core::counters::Class;
+use metamorph_core::ids::{HostId, Incarnation, ModuleId, Port};
+use metamorph_core::lattice::Cell;
+use metamorph_core::time::{Span, Time};
+use metamorph_core::wire::{self, Frame, Header};
+use metamorph_host_link::packet::{Ack, Content, Life, Packet, Proof, Run, Terms};
+use metamorph_host_link::{Channel, HostLink, Output, Prover, STREAM_WINDOW};
 use proptest::prelude::*;
 
 /// The life of the hostile end; others that it claims are near it.
