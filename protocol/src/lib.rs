@@ -11,7 +11,6 @@ pub mod free_module;
 pub mod manipulation;
 pub mod metamodule;
 pub mod on_grid;
-pub mod pairing;
 pub mod plan;
 
 pub use metamorph_core::{
@@ -20,4 +19,5 @@ pub use metamorph_core::{
 };
 pub use metamorph_cube as cube;
 pub use metamorph_host_link as host_link;
+pub use metamorph_pairing as pairing;
 pub use metamorph_roombots as roombots;

@@ -1,7 +1,7 @@
 //! The mirrors and turns of a structure that keep the vertical.
 
 use super::Surroundings;
-use crate::lattice::Cell;
+use metamorph_core::lattice::Cell;
 
 /// A map of the floor to itself: about the centre of the structure, by quarter turns after a mirror.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -7,8 +7,8 @@
 use super::exact_cover::{Cover, cover};
 use super::matching::Matching;
 use super::{Going, NONE, Pairing};
-use crate::lattice::{Cell, Face};
-use crate::rng::Rng;
+use metamorph_core::lattice::{Cell, Face};
+use metamorph_core::rng::Rng;
 use petgraph::algo::maximum_matching;
 use petgraph::graph::UnGraph;
 use std::collections::{BTreeMap, BTreeSet};

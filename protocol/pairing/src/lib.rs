@@ -19,9 +19,9 @@ pub mod split;
 mod symmetry;
 pub mod thesis;
 
-use crate::lattice::{Cell, Face};
-use crate::shape::components;
 use matching::Matching;
+use metamorph_core::lattice::{Cell, Face};
+use metamorph_core::shape::components;
 use petgraph::graph::UnGraph;
 use pins::Pin;
 use serde::Serialize;

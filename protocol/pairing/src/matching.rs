@@ -5,7 +5,7 @@
 //! structure.
 
 use super::{NONE, Surroundings, is_even};
-use crate::lattice::Face;
+use metamorph_core::lattice::Face;
 
 /// A matching of the present cells.
 #[derive(Clone, Debug)]

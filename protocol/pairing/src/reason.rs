@@ -2,7 +2,7 @@
 
 use super::pins::Pin;
 use super::{NONE, Pairing};
-use crate::lattice::Cell;
+use metamorph_core::lattice::Cell;
 use serde::Serialize;
 use std::collections::BTreeSet;
 

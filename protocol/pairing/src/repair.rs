@@ -12,7 +12,7 @@
 use super::matching::Matching;
 use super::symmetry::Symmetry;
 use super::{Going, NONE, Pairing, Surroundings, key};
-use crate::lattice::{Cell, Face};
+use metamorph_core::lattice::{Cell, Face};
 use petgraph::algo::articulation_points::articulation_points;
 use petgraph::graph::NodeIndex;
 use serde::Serialize;

@@ -1,7 +1,7 @@
 //! Random structures, for tests and experiments.
 
-use crate::lattice::{Cell, Face};
-use crate::rng::Rng;
+use metamorph_core::lattice::{Cell, Face};
+use metamorph_core::rng::Rng;
 use std::collections::BTreeSet;
 
 /// How a structure grows from one cell.

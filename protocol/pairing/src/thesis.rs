@@ -4,7 +4,7 @@
 //! edge is paired then.
 
 use super::Pairing;
-use crate::rng::Rng;
+use metamorph_core::rng::Rng;
 use petgraph::algo::{bridges, connected_components, maximum_matching};
 use petgraph::graph::UnGraph;
 use petgraph::visit::EdgeRef;
@@ -33,8 +33,10 @@ impl Nodes {
     /// The cells of a structure.
     pub fn of(pairing: &Pairing) -> Nodes {
         let cells: Vec<_> = pairing.cells().collect();
-        let near = |c: &crate::lattice::Cell| {
-            let at = |n: crate::lattice::Cell| cells.binary_search_by_key(&super::key(n), |c| super::key(*c));
+        let near = |c: &metamorph_core::lattice::Cell| {
+            let at = |n: metamorph_core::lattice::Cell| {
+                cells.binary_search_by_key(&super::key(n), |c| super::key(*c))
+            };
             c.neighbours().into_iter().filter_map(|n| at(n).ok()).collect()
         };
         Nodes { neighbours: cells.iter().map(near).collect() }

@@ -7,7 +7,7 @@
 
 use super::matching::Matching;
 use super::{Going, NONE, Pairing, PairingError, Surroundings, key};
-use crate::lattice::{Cell, Face};
+use metamorph_core::lattice::{Cell, Face};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Two cells that are one module, the one with the smaller (z, y, x) first.

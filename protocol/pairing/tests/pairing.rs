@@ -2,15 +2,15 @@
 
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
-use metamorph_protocol::lattice::{Cell, Face};
-use metamorph_protocol::pairing::generated::{Kind, structure};
-use metamorph_protocol::pairing::pins::{Pin, WithoutPins};
-use metamorph_protocol::pairing::repair::{Allowed, Change, Cheapest, Choice};
-use metamorph_protocol::pairing::split::{Footing, NoSplit, Split};
-use metamorph_protocol::pairing::thesis::Nodes;
-use metamorph_protocol::pairing::{MAX_CELLS, Pairing, PairingError};
-use metamorph_protocol::rng::Rng;
-use metamorph_protocol::shape::components;
+use metamorph_core::lattice::{Cell, Face};
+use metamorph_core::rng::Rng;
+use metamorph_core::shape::components;
+use metamorph_pairing::generated::{Kind, structure};
+use metamorph_pairing::pins::{Pin, WithoutPins};
+use metamorph_pairing::repair::{Allowed, Change, Cheapest, Choice};
+use metamorph_pairing::split::{Footing, NoSplit, Split};
+use metamorph_pairing::thesis::Nodes;
+use metamorph_pairing::{MAX_CELLS, Pairing, PairingError};
 use petgraph::algo::maximum_matching;
 use petgraph::graph::UnGraph;
 use serde_json::Value;
@@ -284,7 +284,7 @@ fn random_structures_are_repaired_whatever_their_order() {
         let most = if seed % 20 == 0 { 200 } else { 40 };
         let cells = structure(kind, seed % 2 == 0, 4 + rng.below(most) as usize, &mut rng);
         let context = format!(
-            "seed {seed}: METAMORPH_STRUCTURES={} cargo test -p metamorph-protocol --test pairing",
+            "seed {seed}: METAMORPH_STRUCTURES={} cargo test -p metamorph-pairing --test pairing",
             seed + 1
         );
         let pairing = check(&cells, &context);
