@@ -6,12 +6,9 @@
 //!
 //! It uses no clock, thread, socket, file or global randomness, and no floating point in the state of an agent.
 
-pub mod assembly;
 pub mod free_module;
-pub mod manipulation;
 pub mod metamodule;
 pub mod on_grid;
-pub mod plan;
 
 pub use metamorph_core::{
     agent, counters, coverage, defects, digest, goal, host, ids, lattice, link, ratio, record, rng, runtime,
@@ -20,4 +17,5 @@ pub use metamorph_core::{
 pub use metamorph_cube as cube;
 pub use metamorph_host_link as host_link;
 pub use metamorph_pairing as pairing;
+pub use metamorph_planning::{assembly, manipulation, plan};
 pub use metamorph_roombots as roombots;
