@@ -1,15 +1,13 @@
 //! Vocabulary and protocols of a self-reconfigurable swarm.
 //!
-//! This crate holds the ids, units, lattice and messages that every part of Metamorph shares, and the protocols
-//! themselves as sans-IO state machines: inputs and the current time go in, outputs are polled out, and one call
-//! returns the next wake-up time.
+//! This crate has no code of its own. It gives the crates below `protocol/` one name, so that a program depends on one
+//! crate and finds the ids, units, lattice and messages that every part of Metamorph shares beside the protocols, which
+//! are sans-IO state machines: inputs and the current time go in, outputs are polled out, and one call returns the next
+//! wake-up time.
 //!
-//! It uses no clock, thread, socket, file or global randomness, and no floating point in the state of an agent.
+//! None of them uses a clock, thread, socket, file or global randomness, or floating point in the state of an agent.
 
-pub mod free_module;
-pub mod metamodule;
-pub mod on_grid;
-
+pub use metamorph_agents::{free_module, metamodule, on_grid};
 pub use metamorph_core::{
     agent, counters, coverage, defects, digest, goal, host, ids, lattice, link, ratio, record, rng, runtime,
     shape, time, wire,

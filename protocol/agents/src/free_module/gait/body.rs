@@ -1,0 +1,173 @@
+//! What bodies and agents of walking modules tell: where a body is, and the task of each joint.
+
+use super::message::Docking;
+use crate::free_module::network::Role;
+use crate::free_module::oscillator::Angle;
+use crate::free_module::structure::JOINTS;
+use metamorph_core::wire::{Decoder, Encoder, Wire, WireError};
+
+/// Units of a quaternion's components: 2^30 is 1.
+pub const UNIT: i32 = 1 << 30;
+
+/// Where a body is: the pose of its first hemisphere and the angles of its joints, in integers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Pose {
+    /// The centre of the hemisphere's cube in micrometres; z points up, and the floor is 0.
+    pub position: [i32; 3],
+    /// The rotation of the hemisphere's frame (x, y, z, w), in units of 2^-30.
+    pub rotation: [i32; 4],
+    /// The angles of q1, q2 and q3.
+    pub angles: [Angle; JOINTS as usize],
+}
+
+impl Default for Pose {
+    fn default() -> Pose {
+        Pose { position: [0; 3], rotation: [0, 0, 0, UNIT], angles: [Angle::default(); JOINTS as usize] }
+    }
+}
+
+impl Pose {
+    fn put(&self, out: &mut Encoder) {
+        self.position.iter().chain(&self.rotation).for_each(|x| out.u32(*x as u32));
+        self.angles.iter().for_each(|a| out.u32(a.0 as u32));
+    }
+    fn read(from: &mut Decoder<'_>) -> Result<Pose, WireError> {
+        let mut pose = Pose::default();
+        for x in pose.position.iter_mut().chain(&mut pose.rotation) {
+            *x = from.u32()? as i32;
+        }
+        for angle in &mut pose.angles {
+            *angle = Angle(from.u32()? as i32);
+        }
+        Ok(pose)
+    }
+}
+
+impl Wire for Pose {
+    fn kind(&self) -> u8 {
+        0
+    }
+    fn encode(&self, out: &mut Encoder) {
+        self.put(out);
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Pose, WireError> {
+        if kind == 0 { Pose::read(from) } else { Err(WireError::Kind(kind)) }
+    }
+}
+
+/// What is docked at a module, and where its body is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Place {
+    /// What is docked.
+    pub docking: Docking,
+    /// Where the body is.
+    pub pose: Pose,
+}
+
+impl Wire for Place {
+    fn kind(&self) -> u8 {
+        0
+    }
+    fn encode(&self, out: &mut Encoder) {
+        self.docking.encode(out);
+        self.pose.put(out);
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Place, WireError> {
+        Ok(Place { docking: Docking::decode(kind, from)?, pose: Pose::read(from)? })
+    }
+}
+
+/// What a joint does in the network in use.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Task {
+    /// It has no oscillator and stays at 0.
+    #[default]
+    Locked,
+    /// It has an oscillator in a network without articulations.
+    Oscillates,
+    /// It is an articulation.
+    Articulation(Role),
+}
+
+impl Task {
+    /// All tasks, in the order of their numbers in messages.
+    pub const ALL: [Task; 6] = [
+        Task::Locked,
+        Task::Oscillates,
+        Task::Articulation(Role::Spine),
+        Task::Articulation(Role::Hip),
+        Task::Articulation(Role::Knee),
+        Task::Articulation(Role::Ankle),
+    ];
+
+    /// Returns the name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Task::Locked => "locked",
+            Task::Oscillates => "oscillates",
+            Task::Articulation(role) => role.name(),
+        }
+    }
+}
+
+/// What an agent reports when it goes over to another network.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Status {
+    /// The hash of the link states that the network was made from.
+    pub known: u64,
+    /// The tasks of q1, q2 and q3.
+    pub tasks: [Task; JOINTS as usize],
+}
+
+impl Wire for Status {
+    fn kind(&self) -> u8 {
+        0
+    }
+    fn encode(&self, out: &mut Encoder) {
+        out.u64(self.known);
+        for task in &self.tasks {
+            // Invariant: the list has all tasks.
+            out.u8(Task::ALL.iter().position(|t| t == task).unwrap_or_default() as u8);
+        }
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Status, WireError> {
+        if kind != 0 {
+            return Err(WireError::Kind(kind));
+        }
+        let known = from.u64()?;
+        let mut tasks = [Task::Locked; JOINTS as usize];
+        for task in &mut tasks {
+            *task = *Task::ALL.get(usize::from(from.u8()?)).ok_or(WireError::Field("task"))?;
+        }
+        Ok(Status { known, tasks })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::free_module::gait::message::{CONNECTORS, Docked};
+    use metamorph_core::ids::ModuleId;
+    use metamorph_core::wire::{PAYLOAD, from_payload, payload};
+    use metamorph_roombots::connector::Connector;
+
+    #[test]
+    fn places_and_reports_fit_and_come_back() {
+        let docked = Docked { peer: ModuleId(255), connector: Connector::C3Z, rotation: 3 };
+        let pose =
+            Pose { position: [-1, 2, i32::MAX], rotation: [i32::MIN, 0, 1, -UNIT], angles: [Angle(-7); 3] };
+        let place = Place { docking: Docking([Some(docked); CONNECTORS]), pose };
+        assert_eq!((payload(&pose).len(), payload(&place).len()), (40, 70));
+        assert!(payload(&place).len() <= PAYLOAD);
+        assert_eq!(from_payload(0, &payload(&place)), Ok(place));
+        assert_eq!(from_payload(0, &payload(&pose)), Ok(pose));
+        for task in Task::ALL {
+            let status = Status { known: u64::MAX, tasks: [task, Task::Locked, task] };
+            assert_eq!(from_payload(0, &payload(&status)), Ok(status));
+        }
+        let mut bytes = payload(&Status::default());
+        bytes[8] = 6;
+        assert_eq!(from_payload::<Status>(0, &bytes), Err(WireError::Field("task")));
+        assert_eq!(from_payload::<Pose>(1, &payload(&pose)), Err(WireError::Kind(1)));
+    }
+}

@@ -1,0 +1,417 @@
+//! What free modules tell each other, their bodies and the controller.
+
+use super::place::{CONNECTORS, Place, connectors};
+use metamorph_core::ids::ModuleId;
+use metamorph_core::lattice::Cell;
+use metamorph_core::time::Time;
+use metamorph_core::wire::{Decoder, Encoder, Wire, WireError};
+use metamorph_planning::assembly::tables::POSTURES;
+
+/// What one module does in a step of a plan. A connection is made, or given up, by both sides.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum BodyAction {
+    /// Closes a connector, which faces another one.
+    Attach(u8),
+    /// Opens a connector.
+    Detach(u8),
+    /// Turns a joint by one step.
+    Turn {
+        /// The joint, from 0.
+        joint: u8,
+        /// True for the positive direction.
+        positive: bool,
+    },
+}
+
+impl BodyAction {
+    const fn number(self) -> u8 {
+        match self {
+            BodyAction::Attach(_) => 0,
+            BodyAction::Detach(_) => 1,
+            BodyAction::Turn { .. } => 2,
+        }
+    }
+    fn encode(self, out: &mut Encoder) {
+        out.u8(self.number());
+        match self {
+            BodyAction::Attach(connector) | BodyAction::Detach(connector) => out.u8(connector),
+            BodyAction::Turn { joint, positive } => out.u8(2 * joint + u8::from(positive)),
+        }
+    }
+    fn decode(from: &mut Decoder<'_>) -> Result<BodyAction, WireError> {
+        let (number, what) = (from.u8()?, from.u8()?);
+        match number {
+            0 if usize::from(what) < CONNECTORS => Ok(BodyAction::Attach(what)),
+            1 if usize::from(what) < CONNECTORS => Ok(BodyAction::Detach(what)),
+            2 if what < 6 => Ok(BodyAction::Turn { joint: what / 2, positive: what % 2 == 1 }),
+            _ => Err(WireError::Field("body_action")),
+        }
+    }
+}
+
+/// The name of a step: orders are idempotent by it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct StepName {
+    /// The plan; a later one has a larger number.
+    pub epoch: u32,
+    /// The action of the plan.
+    pub index: u16,
+    /// Counts the tries after the first.
+    pub attempt: u8,
+}
+
+impl StepName {
+    fn encode(self, out: &mut Encoder) {
+        out.u32(self.epoch);
+        out.u16(self.index);
+        out.u8(self.attempt);
+    }
+    fn decode(from: &mut Decoder<'_>) -> Result<StepName, WireError> {
+        Ok(StepName { epoch: from.u32()?, index: from.u16()?, attempt: from.u8()? })
+    }
+}
+
+/// What the controller orders.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Order {
+    /// Orders of earlier epochs are over. What is under way is finished.
+    Hold {
+        /// The epoch that begins.
+        epoch: u32,
+    },
+    /// A step of a plan.
+    Step {
+        /// Its name.
+        step: StepName,
+        /// What to do.
+        body_action: BodyAction,
+        /// The joint values and closed connectors for which it was planned.
+        expect: (u8, u16),
+        /// It does not begin later.
+        not_after: Time,
+    },
+}
+
+impl Wire for Order {
+    fn kind(&self) -> u8 {
+        match self {
+            Order::Hold { .. } => 16,
+            Order::Step { .. } => 17,
+        }
+    }
+    fn encode(&self, out: &mut Encoder) {
+        match self {
+            Order::Hold { epoch } => out.u32(*epoch),
+            Order::Step { step, body_action, expect: (posture, closed), not_after } => {
+                step.encode(out);
+                body_action.encode(out);
+                out.u8(*posture);
+                out.u16(*closed);
+                out.time(*not_after);
+            }
+        }
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Order, WireError> {
+        match kind {
+            16 => Ok(Order::Hold { epoch: from.u32()? }),
+            17 => {
+                let (step, body_action, posture) =
+                    (StepName::decode(from)?, BodyAction::decode(from)?, from.u8()?);
+                if usize::from(posture) >= POSTURES {
+                    return Err(WireError::Field("posture"));
+                }
+                let closed = connectors(from.u16()?)?;
+                Ok(Order::Step { step, body_action, expect: (posture, closed), not_after: from.time()? })
+            }
+            _ => Err(WireError::Kind(kind)),
+        }
+    }
+}
+
+/// Why a step was not carried out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum Failure {
+    /// The connector did not close.
+    Connection = 0,
+    /// The joint did not turn.
+    Joint = 1,
+    /// Another module is in the way.
+    Blocked = 2,
+    /// The joint is part of a loop, or the module cannot do it from where it is.
+    Impossible = 3,
+    /// The module is not in the state for which it was planned.
+    Stale = 4,
+    /// It could not begin in time.
+    Late = 5,
+}
+
+impl Failure {
+    const ALL: [Failure; 6] = [
+        Failure::Connection,
+        Failure::Joint,
+        Failure::Blocked,
+        Failure::Impossible,
+        Failure::Stale,
+        Failure::Late,
+    ];
+}
+
+/// What became of a step.
+pub type StepResult = Result<(), Failure>;
+
+/// What a module tells the controller whenever it changes, and when an order is repeated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Status {
+    /// The latest epoch that it knows.
+    pub epoch: u32,
+    /// Where it is.
+    pub place: Place,
+    /// It carries out a step, or is carried by another module's turn.
+    pub busy: bool,
+    /// Its latest step that is over, in this incarnation.
+    pub last: Option<(StepName, StepResult)>,
+    /// How often a branch lock was refused.
+    pub prevented: u32,
+    /// The module that refused the latest branch lock, while its own step waits for it.
+    pub waits_for: Option<ModuleId>,
+}
+
+impl Wire for Status {
+    fn kind(&self) -> u8 {
+        16
+    }
+    fn encode(&self, out: &mut Encoder) {
+        out.u32(self.epoch);
+        self.place.encode(out);
+        out.bool(self.busy);
+        let (step, result) = self.last.map_or((StepName::default(), u8::MAX), |(step, result)| {
+            (step, result.map_or_else(|failure| failure as u8 + 1, |()| 0))
+        });
+        step.encode(out);
+        out.u8(result);
+        out.u32(self.prevented);
+        out.u32(self.waits_for.map_or(u32::MAX, |id| id.0));
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Status, WireError> {
+        if kind != 16 {
+            return Err(WireError::Kind(kind));
+        }
+        let (epoch, place, busy) = (from.u32()?, Place::decode(from)?, from.bool("busy")?);
+        let step = StepName::decode(from)?;
+        let last = match from.u8()? {
+            u8::MAX if step == StepName::default() => None,
+            0 => Some((step, Ok(()))),
+            n => {
+                let failure = Failure::ALL.get(usize::from(n) - 1);
+                Some((step, Err(*failure.ok_or(WireError::Field("result"))?)))
+            }
+        };
+        let prevented = from.u32()?;
+        let waits_for = Some(from.u32()?).filter(|id| *id != u32::MAX).map(ModuleId);
+        Ok(Status { epoch, place, busy, last, prevented, waits_for })
+    }
+}
+
+/// An action for the body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Action {
+    /// The step that it carries out.
+    pub step: StepName,
+    /// What to do.
+    pub body_action: BodyAction,
+    /// The body refuses to begin after this time.
+    pub not_after: Time,
+}
+
+impl Wire for Action {
+    fn kind(&self) -> u8 {
+        16 + self.body_action.number()
+    }
+    fn encode(&self, out: &mut Encoder) {
+        self.step.encode(out);
+        self.body_action.encode(out);
+        out.time(self.not_after);
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Action, WireError> {
+        let (step, body_action) = (StepName::decode(from)?, BodyAction::decode(from)?);
+        if kind != 16 + body_action.number() {
+            return Err(WireError::Kind(kind));
+        }
+        Ok(Action { step, body_action, not_after: from.time()? })
+    }
+}
+
+/// Why a body does not begin an action.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum Refusal {
+    /// Another module is in the way.
+    Blocked = 0,
+    /// The action reached the body after [`Action::not_after`].
+    Late = 1,
+    /// The contacts have changed since the agent decided.
+    Stale = 2,
+    /// The body acts, or is carried by a turn.
+    Busy = 3,
+    /// A loop locks the joint, the connection holds the structure together, or the connector faces nothing.
+    Impossible = 4,
+}
+
+impl Refusal {
+    const ALL: [Refusal; 5] =
+        [Refusal::Blocked, Refusal::Late, Refusal::Stale, Refusal::Busy, Refusal::Impossible];
+}
+
+/// The rotation of a part of the structure about a joint's axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Swing {
+    /// A cell whose centre the axis goes through.
+    pub pivot: Cell,
+    /// The direction of the axis, of any length.
+    pub axis: [i8; 3],
+    /// The angle in degrees, by the right-hand rule about the axis.
+    pub degrees: i16,
+}
+
+/// What a body tells about an action.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Percept {
+    /// The action is done, and this is where the body is now.
+    Done(Place),
+    /// It failed; the body is where it was.
+    Failed,
+    /// It was not begun.
+    Refused(Refusal),
+    /// Another module's turn begins, which carries this body.
+    Carried(Swing),
+    /// That turn is over. `moved` is false if it failed.
+    Settled {
+        /// Where the body is now.
+        place: Place,
+        /// Whether it was moved.
+        moved: bool,
+    },
+}
+
+impl Wire for Percept {
+    fn kind(&self) -> u8 {
+        match self {
+            Percept::Done(_) => 16,
+            Percept::Failed => 17,
+            Percept::Refused(_) => 18,
+            Percept::Carried(_) => 19,
+            Percept::Settled { .. } => 20,
+        }
+    }
+    fn encode(&self, out: &mut Encoder) {
+        match self {
+            Percept::Done(place) => place.encode(out),
+            Percept::Failed => {}
+            Percept::Refused(why) => out.u8(*why as u8),
+            Percept::Carried(swing) => {
+                out.cell(swing.pivot);
+                swing.axis.iter().for_each(|a| out.u8(*a as u8));
+                out.u16(swing.degrees as u16);
+            }
+            Percept::Settled { place, moved } => {
+                place.encode(out);
+                out.bool(*moved);
+            }
+        }
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Percept, WireError> {
+        Ok(match kind {
+            16 => Percept::Done(Place::decode(from)?),
+            17 => Percept::Failed,
+            18 => {
+                let why = Refusal::ALL.get(usize::from(from.u8()?));
+                Percept::Refused(*why.ok_or(WireError::Field("refusal"))?)
+            }
+            19 => {
+                let pivot = from.cell()?;
+                let axis = [from.u8()? as i8, from.u8()? as i8, from.u8()? as i8];
+                Percept::Carried(Swing { pivot, axis, degrees: from.u16()? as i16 })
+            }
+            20 => Percept::Settled { place: Place::decode(from)?, moved: from.bool("moved")? },
+            _ => return Err(WireError::Kind(kind)),
+        })
+    }
+}
+
+/// Why a branch lock is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum Denial {
+    /// The module has a pending action.
+    Busy = 0,
+    /// The module keeps still for another turn.
+    Held = 1,
+    /// The joint is part of a loop.
+    Loop = 2,
+    /// The module has just restarted, and may have granted a lock that it does not know of.
+    Quarantined = 3,
+    /// A connection ended while the answer was awaited.
+    Changed = 4,
+}
+
+impl Denial {
+    const ALL: [Denial; 5] = [Denial::Busy, Denial::Held, Denial::Loop, Denial::Quarantined, Denial::Changed];
+}
+
+/// What modules tell each other: the branch lock of a turn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Message {
+    /// The module that turns.
+    pub origin: ModuleId,
+    /// Its attempt; a later one is larger.
+    pub token: u32,
+    /// What about it.
+    pub what: LockMessage,
+}
+
+/// A message about a branch lock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum LockMessage {
+    /// Keep still, and ask those behind.
+    Request,
+    /// All behind keep still, or one of them refuses.
+    Response(Option<(Denial, ModuleId)>),
+    /// The lock is over.
+    Release,
+}
+
+impl Wire for Message {
+    fn kind(&self) -> u8 {
+        match self.what {
+            LockMessage::Request => 16,
+            LockMessage::Response(_) => 17,
+            LockMessage::Release => 18,
+        }
+    }
+    fn encode(&self, out: &mut Encoder) {
+        out.u32(self.origin.0);
+        out.u32(self.token);
+        if let LockMessage::Response(denial) = self.what {
+            let (why, by) = denial.map_or((u8::MAX, u32::MAX), |(why, by)| (why as u8, by.0));
+            out.u8(why);
+            out.u32(by);
+        }
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Message, WireError> {
+        let (origin, token) = (ModuleId(from.u32()?), from.u32()?);
+        let what = match kind {
+            16 => LockMessage::Request,
+            17 => LockMessage::Response(match (from.u8()?, from.u32()?) {
+                (u8::MAX, u32::MAX) => None,
+                (why, by) => {
+                    let why = Denial::ALL.get(usize::from(why)).ok_or(WireError::Field("denial"))?;
+                    Some((*why, ModuleId(by)))
+                }
+            }),
+            18 => LockMessage::Release,
+            _ => return Err(WireError::Kind(kind)),
+        };
+        Ok(Message { origin, token, what })
+    }
+}

@@ -1,0 +1,506 @@
+//! The messages between metamodules; `body` has those to and from the body, `control` those to and from the
+//! world-controller.
+
+mod body;
+mod control;
+#[cfg(test)]
+mod tests;
+
+pub use body::{Action, BodyAction, Percept, Refusal};
+pub use control::{Order, Status};
+
+use super::blueprint::{MAX_SEEDS, SeedSet, Task};
+use super::motions::Sweep;
+use super::pose::{Load, Pose};
+use metamorph_core::coverage::CoveragePoint;
+use metamorph_core::ids::{ModuleId, Token};
+use metamorph_core::time::Span;
+use metamorph_core::wire::{Decoder, Encoder, Wire, WireError};
+
+/// Where a metamodule is and what it knows; repeated, so that losing one costs only time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct State {
+    /// The sender.
+    pub id: ModuleId,
+    /// Grows with every state, path and directive that an incarnation of the sender sends; of two states the one with
+    /// the larger number is later.
+    pub sequence: u32,
+    /// Where it is.
+    pub pose: Pose,
+    /// It fills a seed and stays.
+    pub settled: bool,
+    /// Its joints do not turn.
+    pub stuck: bool,
+    /// It is blocked: it stands in the path of a more important metamodule and cannot leave it now.
+    pub blocked: bool,
+    /// What it builds.
+    pub task: Task,
+    /// The seeds of the task that the sender knows to be filled.
+    pub filled: SeedSet,
+    /// The seed it is on its way to, and how far that was when it set out.
+    pub claim: Option<Claim>,
+    /// Seeds to which it has found no route.
+    pub unreachable: SeedSet,
+}
+
+impl State {
+    /// Whether it names seeds beyond the first 32.
+    fn is_wide(&self) -> bool {
+        self.filled.narrow().is_none() || self.unreachable.narrow().is_none()
+    }
+    fn encode(self, out: &mut Encoder) {
+        out.u32(self.id.0);
+        out.u32(self.sequence);
+        self.pose.encode(out);
+        out.u8(u8::from(self.settled) | u8::from(self.stuck) << 1 | u8::from(self.blocked) << 2);
+        self.task.encode(out);
+        let wide = self.is_wide();
+        self.filled.encode(wide, out);
+        out.u8(self.claim.map_or(u8::MAX, |c| c.seed));
+        out.u8(self.claim.map_or(0, |c| c.cost));
+        self.unreachable.encode(wide, out);
+    }
+    fn decode(wide: bool, from: &mut Decoder<'_>) -> Result<State, WireError> {
+        let (id, sequence) = (ModuleId(from.u32()?), from.u32()?);
+        let pose = Pose::decode(from)?;
+        let flags = from.u8()?;
+        if flags > 7 {
+            return Err(WireError::Field("flags"));
+        }
+        let (task, filled) = (Task::decode(from)?, SeedSet::decode(wide, from)?);
+        let claim = match (from.u8()?, from.u8()?) {
+            (u8::MAX, 0) => None,
+            (seed, cost) if usize::from(seed) < MAX_SEEDS => Some(Claim { seed, cost }),
+            _ => return Err(WireError::Field("claim")),
+        };
+        let [settled, stuck, blocked] = [1, 2, 4].map(|flag| flags & flag != 0);
+        let unreachable = SeedSet::decode(wide, from)?;
+        let state = State { id, sequence, pose, settled, stuck, blocked, task, filled, claim, unreachable };
+        if state.is_wide() == wide { Ok(state) } else { Err(WireError::Field("filled")) }
+    }
+}
+
+/// A seed that a metamodule has made its own (`negotiated` only).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Claim {
+    /// The seed.
+    pub seed: u8,
+    /// The number of moves to it when it was claimed; of two metamodules that claim the same seed, the one with the
+    /// smaller cost keeps it.
+    pub cost: u8,
+}
+
+/// The importance of what a metamodule does (`negotiated` only); smaller is more important. The rank of a
+/// claim is the place of its seed in the order of seeds; a metamodule that makes way for a rank has the next
+/// one below it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Rank(pub u16);
+
+impl Rank {
+    /// Rank of a metamodule without a claim.
+    pub const NONE: Rank = Rank(u16::MAX);
+    /// Number of ranks per seed; bounds how many metamodules in a chain that make way have ranks of their own.
+    const DEPTHS: u16 = 16;
+    const LAST: u16 = Rank::DEPTHS - 1;
+
+    /// Rank of a metamodule that has claimed this seed.
+    pub const fn of_seed(seed: u8) -> Rank {
+        Rank(seed as u16 * Rank::DEPTHS)
+    }
+    /// Rank of a metamodule that makes way for this rank.
+    pub const fn below(self) -> Rank {
+        match self.0 % Rank::DEPTHS {
+            Rank::LAST => self,
+            _ => Rank(self.0 + 1),
+        }
+    }
+}
+
+/// The largest number of segments in a [`Path`].
+pub const LEGS: usize = 4;
+
+/// One segment of a path: the turns to a posture that lands or, at the end of a path, to one that does not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+pub struct Segment {
+    /// The posture after the turns, seen from the end that is attached during them.
+    pub posture: u16,
+    /// All cells that the segment needs: those that the turns sweep, and those filled at the beginning.
+    pub sweep: Sweep,
+}
+
+/// The path that the sender intends to take; less important metamodules keep out of its cells. Empty if the sender
+/// intends to stay.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Path {
+    /// The sender.
+    pub id: ModuleId,
+    /// Counted together with the sender's states.
+    pub sequence: u32,
+    /// How important it is.
+    pub rank: Rank,
+    /// Where it begins.
+    pub from: Pose,
+    /// The next segments, as many as fit; those from `count` on are unused.
+    pub segments: [Segment; LEGS],
+    /// The number of segments in use.
+    pub count: u8,
+}
+
+impl Path {
+    /// The legs.
+    pub fn segments(&self) -> &[Segment] {
+        &self.segments[..usize::from(self.count).min(LEGS)]
+    }
+}
+
+/// What a coordinator orders, while the group makes no progress by itself (`negotiated` only).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Directive {
+    /// The sender; of two coordinators, the one with the smaller number is followed.
+    pub coordinator: ModuleId,
+    /// Counted together with the sender's states.
+    pub sequence: u32,
+    /// What is to be done.
+    pub instruction: Instruction,
+}
+
+/// What is to be done by all metamodules in range of a coordinator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Instruction {
+    /// The sender no longer coordinates.
+    Over,
+    /// All stay where they are.
+    Stay,
+    /// All stay but one.
+    Move {
+        /// The one that moves.
+        mover: ModuleId,
+        /// Where it stands.
+        from: Pose,
+        /// The posture to turn to.
+        posture: u16,
+        /// What it does then.
+        end: MoveEnd,
+    },
+    /// All stay, and one grips an element or lets it go (`planned` only).
+    Handle {
+        /// The one that does.
+        mover: ModuleId,
+        /// Where it stands.
+        from: Pose,
+        /// What it holds afterwards.
+        load: Load,
+    },
+}
+
+/// What a metamodule does when it has turned to the posture of a move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum MoveEnd {
+    /// It stays as it is, free, also where it could fill a seed.
+    Rests,
+    /// The free end connects to the floor, and the other end lets go.
+    Lands,
+    /// It fills the open seed in whose cells it is then; if there is none it rests.
+    Settles,
+}
+
+impl MoveEnd {
+    /// Returns the end of a move that lands, or of one that fills a seed if it does not.
+    pub fn of(lands: bool, fills: bool) -> MoveEnd {
+        match (lands, fills) {
+            (true, _) => MoveEnd::Lands,
+            (false, true) => MoveEnd::Settles,
+            (false, false) => MoveEnd::Rests,
+        }
+    }
+    fn decode(from: &mut Decoder<'_>) -> Result<MoveEnd, WireError> {
+        Ok(match from.u8()? {
+            0 => MoveEnd::Rests,
+            1 => MoveEnd::Lands,
+            2 => MoveEnd::Settles,
+            _ => return Err(WireError::Field("end")),
+        })
+    }
+}
+
+impl Instruction {
+    pub(super) fn encode(self, out: &mut Encoder) {
+        match self {
+            Instruction::Over => out.u8(0),
+            Instruction::Stay => out.u8(1),
+            Instruction::Move { mover, from, posture, end } => {
+                out.u8(2);
+                out.u32(mover.0);
+                from.encode(out);
+                out.u16(posture);
+                out.u8(end as u8);
+            }
+            Instruction::Handle { mover, from, load } => {
+                out.u8(3);
+                out.u32(mover.0);
+                from.encode(out);
+                load.encode(out);
+            }
+        }
+    }
+    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Instruction, WireError> {
+        Ok(match from.u8()? {
+            0 => Instruction::Over,
+            1 => Instruction::Stay,
+            2 => Instruction::Move {
+                mover: ModuleId(from.u32()?),
+                from: Pose::decode(from)?,
+                posture: from.u16()?,
+                end: MoveEnd::decode(from)?,
+            },
+            3 => Instruction::Handle {
+                mover: ModuleId(from.u32()?),
+                from: Pose::decode(from)?,
+                load: Load::decode(from)?,
+            },
+            _ => return Err(WireError::Field("instruction")),
+        })
+    }
+}
+
+/// A question or an answer of a wave that finds out whether any metamodule can go on (see `detector`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Probe {
+    /// The metamodule that began the wave.
+    pub initiator: ModuleId,
+    /// The number of the wave among those of the initiator.
+    pub wave: u32,
+    /// The number of the latest state that the sender has told.
+    pub sequence: u32,
+    /// The answer; `None` in a question.
+    pub answer: Option<Counted>,
+}
+
+/// What a wave has counted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+pub struct Counted {
+    /// Metamodules that do nothing until they hear something new.
+    pub metamodules: u16,
+    /// The sum of their stirs.
+    pub stirs: u32,
+}
+
+impl Counted {
+    /// Adds two counts.
+    pub const fn and(self, other: Counted) -> Counted {
+        Counted {
+            metamodules: self.metamodules.saturating_add(other.metamodules),
+            stirs: self.stirs.wrapping_add(other.stirs),
+        }
+    }
+}
+
+/// Why a lock is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum Denial {
+    /// The metamodule that is asked stands in the way.
+    Occupied = 1,
+    /// The metamodule that is asked is moving through the requested cells.
+    Held = 2,
+    /// It has asked for a motion through the requested cells, and is more important or has waited longer.
+    Younger = 3,
+    /// It has just restarted and does not know what it has granted.
+    Quarantined = 4,
+}
+
+impl Denial {
+    /// Whether granting would have led two bodies into one space.
+    pub const fn is_collision(self) -> bool {
+        matches!(self, Denial::Occupied | Denial::Held | Denial::Younger)
+    }
+    pub(super) fn mark(self) -> CoveragePoint {
+        match self {
+            Denial::Occupied => CoveragePoint::MetaDeniedOccupied,
+            Denial::Held => CoveragePoint::MetaDeniedHeld,
+            Denial::Younger => CoveragePoint::MetaDeniedYounger,
+            Denial::Quarantined => CoveragePoint::MetaDeniedQuarantined,
+        }
+    }
+    fn decode(v: u8) -> Result<Option<Denial>, WireError> {
+        Ok(Some(match v {
+            0 => return Ok(None),
+            1 => Denial::Occupied,
+            2 => Denial::Held,
+            3 => Denial::Younger,
+            4 => Denial::Quarantined,
+            _ => return Err(WireError::Field("denial")),
+        }))
+    }
+}
+
+/// What metamodules say to each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Message {
+    /// Where the sender is.
+    State(State),
+    /// Where the sender intends to go.
+    Path(Path),
+    /// What all in range are to do.
+    Directive(Directive),
+    /// Asks whether any metamodule can go on, or answers that none of those asked can.
+    Probe(Probe),
+    /// Asks to keep out of all cells of a move, and to grant them to no other metamodule.
+    Request {
+        /// The sender.
+        origin: ModuleId,
+        /// Its attempt.
+        token: Token,
+        /// The importance of its move.
+        rank: Rank,
+        /// How long the origin has been waiting; of equally important attempts, the one that has waited longest goes
+        /// first.
+        age: Span,
+        /// Where it stands.
+        pose: Pose,
+        /// All cells of the move, seen from there.
+        sweep: Sweep,
+        /// The posture at its end.
+        ends: u16,
+    },
+    /// The answer.
+    Response {
+        /// The sender.
+        from: ModuleId,
+        /// The attempt of the request.
+        token: Token,
+        /// Why the request is denied; `None` if it is granted.
+        denial: Option<Denial>,
+    },
+    /// The sender no longer needs the lock of this attempt, or of any earlier one.
+    Release {
+        /// The sender.
+        origin: ModuleId,
+        /// Its attempt.
+        token: Token,
+        /// Where it stands now.
+        pose: Pose,
+    },
+}
+
+fn encode_sweep(out: &mut Encoder, sweep: Sweep) {
+    out.u64(sweep.0 as u64);
+    out.u64((sweep.0 >> 64) as u64);
+}
+
+fn decode_sweep(from: &mut Decoder<'_>) -> Result<Sweep, WireError> {
+    Ok(Sweep(u128::from(from.u64()?) | u128::from(from.u64()?) << 64))
+}
+
+impl Wire for Message {
+    fn kind(&self) -> u8 {
+        match self {
+            Message::State(state) if state.is_wide() => 23,
+            Message::State(_) => 16,
+            Message::Request { .. } => 17,
+            Message::Response { .. } => 18,
+            Message::Release { .. } => 19,
+            Message::Path(_) => 20,
+            Message::Probe(_) => 21,
+            Message::Directive(_) => 22,
+        }
+    }
+    fn encode(&self, out: &mut Encoder) {
+        match *self {
+            Message::State(s) => s.encode(out),
+            Message::Path(w) => {
+                out.u32(w.id.0);
+                out.u32(w.sequence);
+                out.u16(w.rank.0);
+                w.from.encode(out);
+                out.u8(w.segments().len() as u8);
+                for segment in w.segments() {
+                    out.u16(segment.posture);
+                    encode_sweep(out, segment.sweep);
+                }
+            }
+            Message::Probe(p) => {
+                out.u32(p.initiator.0);
+                out.u32(p.wave);
+                out.u32(p.sequence);
+                out.bool(p.answer.is_some());
+                let counted = p.answer.unwrap_or_default();
+                out.u16(counted.metamodules);
+                out.u32(counted.stirs);
+            }
+            Message::Directive(d) => {
+                out.u32(d.coordinator.0);
+                out.u32(d.sequence);
+                d.instruction.encode(out);
+            }
+            Message::Request { origin, token, rank, age, pose: p, sweep, ends } => {
+                out.u32(origin.0);
+                out.u32(token.0);
+                out.u16(rank.0);
+                out.u64(age.0);
+                p.encode(out);
+                encode_sweep(out, sweep);
+                out.u16(ends);
+            }
+            Message::Response { from, token, denial } => {
+                out.u32(from.0);
+                out.u32(token.0);
+                out.u8(denial.map_or(0, |d| d as u8));
+            }
+            Message::Release { origin, token, pose: p } => {
+                out.u32(origin.0);
+                out.u32(token.0);
+                p.encode(out);
+            }
+        }
+    }
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Message, WireError> {
+        Ok(match kind {
+            16 | 23 => Message::State(State::decode(kind == 23, from)?),
+            17 => Message::Request {
+                origin: ModuleId(from.u32()?),
+                token: Token(from.u32()?),
+                rank: Rank(from.u16()?),
+                age: Span(from.u64()?),
+                pose: Pose::decode(from)?,
+                sweep: decode_sweep(from)?,
+                ends: from.u16()?,
+            },
+            20 => {
+                let (id, sequence, rank) = (ModuleId(from.u32()?), from.u32()?, Rank(from.u16()?));
+                let begins = Pose::decode(from)?;
+                let (count, mut segments) = (from.u8()?, [Segment::default(); LEGS]);
+                let told = segments.get_mut(..usize::from(count)).ok_or(WireError::Field("legs"))?;
+                for segment in told {
+                    *segment = Segment { posture: from.u16()?, sweep: decode_sweep(from)? };
+                }
+                Message::Path(Path { id, sequence, rank, from: begins, segments, count })
+            }
+            21 => {
+                let (initiator, wave, sequence) = (ModuleId(from.u32()?), from.u32()?, from.u32()?);
+                let answers = from.bool("answer")?;
+                let counted = Counted { metamodules: from.u16()?, stirs: from.u32()? };
+                if !answers && counted != Counted::default() {
+                    return Err(WireError::Field("counted"));
+                }
+                Message::Probe(Probe { initiator, wave, sequence, answer: answers.then_some(counted) })
+            }
+            22 => Message::Directive(Directive {
+                coordinator: ModuleId(from.u32()?),
+                sequence: from.u32()?,
+                instruction: Instruction::decode(from)?,
+            }),
+            18 => Message::Response {
+                from: ModuleId(from.u32()?),
+                token: Token(from.u32()?),
+                denial: Denial::decode(from.u8()?)?,
+            },
+            19 => Message::Release {
+                origin: ModuleId(from.u32()?),
+                token: Token(from.u32()?),
+                pose: Pose::decode(from)?,
+            },
+            _ => return Err(WireError::Kind(kind)),
+        })
+    }
+}
