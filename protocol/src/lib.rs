@@ -7,7 +7,7 @@
 //!
 //! None of them uses a clock, thread, socket, file or global randomness, or floating point in the state of an agent.
 
-pub use metamorph_agents::{free_module, metamodule, on_grid};
+pub use metamorph_agents::on_grid;
 pub use metamorph_core::{
     agent, counters, coverage, defects, digest, goal, host, ids, lattice, link, ratio, record, rng, runtime,
     shape, time, wire,
@@ -17,3 +17,31 @@ pub use metamorph_host_link as host_link;
 pub use metamorph_pairing as pairing;
 pub use metamorph_planning::{assembly, manipulation, plan};
 pub use metamorph_roombots as roombots;
+
+/// Free modules: structures, the agent that walks, and the agent that changes its structure.
+pub mod free_module {
+    pub use metamorph_agents::free_module::*;
+
+    /// Structures that change: the agent and its messages, and the plans.
+    pub mod reconfiguration {
+        pub use metamorph_agents::free_module::reconfiguration::*;
+        pub use metamorph_planning::reconfiguration as planning;
+    }
+}
+
+/// Metamodules: the agent, and the plans that are made for a swarm.
+pub mod metamodule {
+    pub use metamorph_agents::metamodule::*;
+
+    /// Searches of one metamodule, of several, and of the controller for all.
+    pub mod planning {
+        pub use metamorph_agents::metamodule::planning::*;
+        pub use metamorph_central_planning::{assembly_order, bundles, centralized, transports};
+
+        /// Plans one transport of an element.
+        pub mod transport {
+            pub use metamorph_agents::metamodule::elements::is_at_goal;
+            pub use metamorph_central_planning::transport::*;
+        }
+    }
+}

@@ -234,3 +234,8 @@ impl Setup {
         loads.find(|load| self.held(Pose { load: *load, ..pose }).is_some_and(|(_, held)| held == cells))
     }
 }
+
+/// Returns true if these cells are those of an element in the end of a goal.
+pub fn is_at_goal(setup: &Setup, goal: u8, element: usize, cells: &[Cell]) -> bool {
+    setup.elements.all().get(element).is_some_and(|passive| passive.goal(goal) == cells)
+}

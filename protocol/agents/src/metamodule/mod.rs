@@ -43,7 +43,7 @@ mod neighbour_table;
 mod outbox;
 pub mod params;
 mod phase;
-mod plan;
+pub mod plan;
 pub mod planning;
 pub mod pose;
 mod queries;

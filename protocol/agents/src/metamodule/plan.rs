@@ -8,7 +8,7 @@ use metamorph_core::lattice::Cell;
 
 /// What a motion is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) enum Aim {
+pub enum Aim {
     /// Attaching the free end to a connector, then detaching the other end.
     Land,
     /// Filling this seed.
@@ -21,7 +21,7 @@ pub(super) enum Aim {
 
 /// A motion from one pose. The digest hashes its fields in this order.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub(super) struct Plan {
+pub struct Plan {
     /// Where it begins.
     pub from: Pose,
     /// The steps, by their numbers in the database.
@@ -31,6 +31,7 @@ pub(super) struct Plan {
     pub sweep: Sweep,
     /// The posture at the end.
     pub ends: u16,
+    /// What it is for.
     pub aim: Aim,
     /// It was chosen because it ends where it blocks no other metamodule (`negotiated` only).
     pub non_blocking: bool,

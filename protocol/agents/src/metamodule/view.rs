@@ -2,13 +2,13 @@
 //! of the step.
 
 use super::blueprint::{Blueprint, SeedSet, Task};
+use super::elements::is_at_goal;
 use super::locks::LockTable;
 use super::message::State;
 use super::motions::Motions;
 use super::neighbour_table::NeighbourTable;
 use super::params::{Params, SeedAuthority, Setup};
 use super::planning::paths::Ground;
-use super::planning::transport::is_at_goal;
 use super::pose::Pose;
 use super::steering::Steered;
 use metamorph_core::defects::Defect;

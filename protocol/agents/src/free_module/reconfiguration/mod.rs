@@ -1,6 +1,6 @@
 //! Reconfiguration of free modules on the lattice: agents that carry out the steps of a central plan.
 //!
-//! The controller plans ([`planning`]) and orders steps; each agent carries out its own ([`agent`]). A connection is
+//! The controller plans ([`metamorph_planning::reconfiguration`]) and orders steps; each agent carries out its own ([`agent`]). A connection is
 //! made, or given up, by both sides. A joint turns only under a *branch lock* ([`branch_lock`]): all modules that the
 //! turn moves have agreed to keep still. Safety does not rest on the plan: an agent follows the latest epoch only, and
 //! the body refuses what is not possible.
@@ -9,7 +9,6 @@ pub mod agent;
 pub mod branch_lock;
 pub mod message;
 pub mod place;
-pub mod planning;
 #[cfg(test)]
 mod tests;
 

@@ -1,20 +1,15 @@
-//! Tests of messages and plans; those of agents and bodies together are in `sim-bridge`.
+//! Tests of messages and agents; those of agents and bodies together are in `sim-bridge`.
 
 use super::agent::LatticeModule;
 use super::message::*;
 use super::place::{Place, configuration};
-use super::planning::{Frozen, Planned, Planner};
 use super::*;
 use metamorph_core::agent::{Agent, Birth, Input, Output};
 use metamorph_core::ids::{Incarnation, ModuleId, Port, Session};
 use metamorph_core::lattice::Cell;
 use metamorph_core::time::Time;
 use metamorph_core::wire::{PAYLOAD, Wire, WireError, from_payload, payload};
-use metamorph_planning::assembly::action::{Action as PlannedAction, Connectors};
-use metamorph_planning::assembly::collision::Model;
 use metamorph_planning::assembly::named;
-use metamorph_planning::assembly::space::{Goal, Objective};
-use metamorph_planning::plan::Limits;
 use std::sync::Arc;
 
 fn comes_back<W: Wire>(all: &[W]) {
@@ -90,46 +85,6 @@ fn places_are_those_of_planner_and_checker() {
     for place in &places {
         assert_eq!(Place::of_robot(&place.robot(), place.closed), *place);
     }
-}
-
-fn planner(goal: &str) -> Planner {
-    Planner {
-        goal: Goal::Shape(named::shape(goal).unwrap()),
-        collision: Model::Strict,
-        connectors: Connectors::All,
-        objective: Objective::Actions,
-        weight: 100,
-        limits: Limits { memory: 64 << 20, work: 100_000 },
-    }
-}
-
-#[test]
-fn plans_leave_out_what_cannot_act() {
-    let start = named::line(&[0, 0]).unwrap();
-    let planner = planner("loop:2x3");
-    let space = planner.space(3);
-    let (Planned::Plan(all), _) = planner.plan(&space, &start, Frozen::default()) else {
-        panic!("there is a plan")
-    };
-    assert_eq!(all.cost, all.lower);
-    let turns = |plan: &planning::Plan, of: u8| {
-        plan.actions.iter().any(|a| matches!(a, PlannedAction::Turn { module, .. } if *module == of))
-    };
-    assert!(turns(&all, 1));
-    let frozen = Frozen { joints: 1 << 1, dead: 0 };
-    match planner.plan(&space, &start, frozen).0 {
-        Planned::Plan(plan) => assert!(!turns(&plan, 1) && plan.cost >= all.cost),
-        found => assert!(matches!(found, Planned::Impossible(_)), "{found:?}"),
-    }
-    // Where nothing can act, what can be reached is the start.
-    let dead = Frozen { joints: 0, dead: 0b111 };
-    assert_eq!(planner.plan(&space, &start, dead).0, Planned::Impossible(1));
-    // And a goal that is there already takes nothing.
-    let planner = self::planner("line:3");
-    let (Planned::Plan(none), _) = planner.plan(&planner.space(3), &start, dead) else {
-        panic!("it is there")
-    };
-    assert_eq!(none.actions, []);
 }
 
 fn module(incarnation: u16) -> LatticeModule {

@@ -1,9 +1,6 @@
-//! Searches over poses of metamodules: the graph of turns, distances and routes of one body, cooperative
-//! searches for several, and plans of all until a goal is built.
+//! Searches over poses of metamodules: the graph of turns, distances and routes of one body, and
+//! cooperative searches for several.
 
-pub mod assembly_order;
-pub mod bundles;
-pub mod centralized;
 pub mod cooperative;
 pub mod distances;
 pub(crate) mod enclosure;
@@ -13,5 +10,5 @@ pub mod paths;
 pub(crate) mod posture_set;
 pub(crate) mod random_walk;
 pub(crate) mod state_space;
-pub mod transport;
-pub mod transports;
+
+pub use enclosure::is_away;

@@ -1,9 +1,9 @@
 //! The goal of a swarm as a structure of seats and elements, and the order in which its elements are brought: that of the
 //! bundles that `metamorph plan` finds by taking the structure apart.
 
-use crate::metamodule::blueprint::Task;
-use crate::metamodule::elements::PassiveElement;
-use crate::metamodule::params::Setup;
+use metamorph_agents::metamodule::blueprint::Task;
+use metamorph_agents::metamodule::elements::PassiveElement;
+use metamorph_agents::metamodule::params::Setup;
 use metamorph_planning::manipulation::structure::assembly::bundles;
 use metamorph_planning::manipulation::structure::{Grips, Part, Seat, Site, Structure};
 use metamorph_planning::manipulation::terrain::Terrain;

@@ -13,12 +13,12 @@
 //! Not here: who carries a plan out, and what happens when a move fails (`sim-bridge`, plan execution). Safety does
 //! not rest on a plan: bodies ask for locks as always.
 
-use crate::metamodule::blueprint::{Seed, SeedSet};
-use crate::metamodule::motions::Sweep;
-use crate::metamodule::planning::cooperative::{Move, SearchResult, Standstill, search};
-use crate::metamodule::planning::distances::Distances;
-use crate::metamodule::planning::paths::{Ground, Route};
-use crate::metamodule::pose::Pose;
+use metamorph_agents::metamodule::blueprint::{Seed, SeedSet};
+use metamorph_agents::metamodule::motions::Sweep;
+use metamorph_agents::metamodule::planning::cooperative::{Move, SearchResult, Standstill, search};
+use metamorph_agents::metamodule::planning::distances::Distances;
+use metamorph_agents::metamodule::planning::paths::{Ground, Route};
+use metamorph_agents::metamodule::pose::Pose;
 use metamorph_core::lattice::Cell;
 use pathfinding::kuhn_munkres::kuhn_munkres_min;
 use pathfinding::matrix::Matrix;

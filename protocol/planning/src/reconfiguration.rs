@@ -1,16 +1,16 @@
 //! The central plan of a reconfiguration: a search from the sensed configuration, with what cannot act left out.
 
-use metamorph_planning::assembly::action::{Action, Connectors, Rules};
-use metamorph_planning::assembly::canonical::Detail;
-use metamorph_planning::assembly::collision::Model;
-use metamorph_planning::assembly::configuration::{Configuration, Module};
-use metamorph_planning::assembly::order;
-use metamorph_planning::assembly::shape::Shape;
-use metamorph_planning::assembly::similarity::{labels, shared};
-use metamorph_planning::assembly::space::{Assembly, Goal, Objective, usual_shapes};
-use metamorph_planning::assembly::tables::{TABLES, sub};
-use metamorph_planning::plan::portfolio::Portfolio;
-use metamorph_planning::plan::{Cost, Limits, Outcome, Path, Space, Step, actions};
+use crate::assembly::action::{Action, Connectors, Rules};
+use crate::assembly::canonical::Detail;
+use crate::assembly::collision::Model;
+use crate::assembly::configuration::{Configuration, Module};
+use crate::assembly::order;
+use crate::assembly::shape::Shape;
+use crate::assembly::similarity::{labels, shared};
+use crate::assembly::space::{Assembly, Goal, Objective, usual_shapes};
+use crate::assembly::tables::{TABLES, sub};
+use crate::plan::portfolio::Portfolio;
+use crate::plan::{Cost, Limits, Outcome, Path, Space, Step, actions};
 use siphasher::sip::SipHasher13;
 use std::hash::{Hash, Hasher};
 
@@ -240,5 +240,51 @@ impl Space for Restricted {
     }
     fn bytes(&self) -> usize {
         self.space.bytes()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::assembly::named;
+
+    fn planner(goal: &str) -> Planner {
+        Planner {
+            goal: Goal::Shape(named::shape(goal).unwrap()),
+            collision: Model::Strict,
+            connectors: Connectors::All,
+            objective: Objective::Actions,
+            weight: 100,
+            limits: Limits { memory: 64 << 20, work: 100_000 },
+        }
+    }
+
+    #[test]
+    fn plans_leave_out_what_cannot_act() {
+        let start = named::line(&[0, 0]).unwrap();
+        let planner = planner("loop:2x3");
+        let space = planner.space(3);
+        let (Planned::Plan(all), _) = planner.plan(&space, &start, Frozen::default()) else {
+            panic!("there is a plan")
+        };
+        assert_eq!(all.cost, all.lower);
+        let turns = |plan: &Plan, of: u8| {
+            plan.actions.iter().any(|a| matches!(a, Action::Turn { module, .. } if *module == of))
+        };
+        assert!(turns(&all, 1));
+        let frozen = Frozen { joints: 1 << 1, dead: 0 };
+        match planner.plan(&space, &start, frozen).0 {
+            Planned::Plan(plan) => assert!(!turns(&plan, 1) && plan.cost >= all.cost),
+            found => assert!(matches!(found, Planned::Impossible(_)), "{found:?}"),
+        }
+        // Where nothing can act, what can be reached is the start.
+        let dead = Frozen { joints: 0, dead: 0b111 };
+        assert_eq!(planner.plan(&space, &start, dead).0, Planned::Impossible(1));
+        // And a goal that is there already takes nothing.
+        let planner = super::tests::planner("line:3");
+        let (Planned::Plan(none), _) = planner.plan(&planner.space(3), &start, dead) else {
+            panic!("it is there")
+        };
+        assert_eq!(none.actions, []);
     }
 }

@@ -5,10 +5,10 @@
 //! nothing can, finds an order if there is one, and no choice has to be taken back. The parts that are left
 //! otherwise block each other.
 
-use crate::metamodule::blueprint::{Blueprint, Seed, SeedSet};
-use crate::metamodule::motions::Motions;
-use crate::metamodule::params::Floor;
-use crate::metamodule::planning::enclosure::is_away;
+use metamorph_agents::metamodule::blueprint::{Blueprint, Seed, SeedSet};
+use metamorph_agents::metamodule::motions::Motions;
+use metamorph_agents::metamodule::params::Floor;
+use metamorph_agents::metamodule::planning::is_away;
 use metamorph_core::lattice::Cell;
 
 /// Connectors of free floor on each side of the goal: more than a body needs to get away.

@@ -1,9 +1,9 @@
 //! Plans how one element is brought to its goal, in the terms of a swarm: poses, postures and loads. The search is that
 //! of [`metamorph_planning::manipulation::transport`].
 
-use super::cooperative::Standstill;
-use crate::metamodule::params::{Floor, Setup};
-use crate::metamodule::pose::{Load, Pose, to_world};
+use metamorph_agents::metamodule::params::{Floor, Setup};
+use metamorph_agents::metamodule::planning::cooperative::Standstill;
+use metamorph_agents::metamodule::pose::{Load, Pose, to_world};
 use metamorph_core::lattice::{Cell, Face};
 use metamorph_planning::manipulation::element::{Element, Grip};
 use metamorph_planning::manipulation::load::{Limits, Peak};
@@ -368,9 +368,4 @@ pub fn facing(setup: &Setup, goal: u8, from: Pose, posture: u16, taken: &[Cell])
     let chain = motions.graph().chain(posture);
     let same = chain.map_or(&[][..], |chain| motions.filling(chain));
     same.iter().copied().find(faces).unwrap_or(posture)
-}
-
-/// Returns true if these cells are those of an element in the end of a goal.
-pub fn is_at_goal(setup: &Setup, goal: u8, element: usize, cells: &[Cell]) -> bool {
-    setup.elements.all().get(element).is_some_and(|passive| passive.goal(goal) == cells)
 }

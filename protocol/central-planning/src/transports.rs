@@ -5,13 +5,12 @@
 //! one before it in its transport, after the earlier one of its metamodule, and after those whose cells meet its own. So
 //! transports that are far from each other are under way at the same time.
 
-use super::cooperative::Standstill;
-use super::paths::Ground;
-use super::transport::{
-    Scenes, Transport, TransportAction, TransportAnswer, TransportStep, is_at_goal, plan_transport,
-};
-use crate::metamodule::plan::{Aim, Plan};
-use crate::metamodule::pose::{Load, Pose};
+use super::transport::{Scenes, Transport, TransportAction, TransportAnswer, TransportStep, plan_transport};
+use metamorph_agents::metamodule::elements::is_at_goal;
+use metamorph_agents::metamodule::plan::{Aim, Plan};
+use metamorph_agents::metamodule::planning::cooperative::Standstill;
+use metamorph_agents::metamodule::planning::paths::Ground;
+use metamorph_agents::metamodule::pose::{Load, Pose};
 use metamorph_core::lattice::Cell;
 use metamorph_planning::manipulation::load::Peak;
 use metamorph_planning::manipulation::transport::{Reason, Refutations};
