@@ -33,6 +33,13 @@ pub mod free_module {
 pub mod metamodule {
     pub use metamorph_agents::metamodule::*;
 
+    /// The setup of a swarm and its parameters.
+    pub mod params {
+        pub use metamorph_agents::metamodule::blueprint::Floor;
+        pub use metamorph_agents::metamodule::params::*;
+        pub use metamorph_agents::metamodule::setup::Setup;
+    }
+
     /// Searches of one metamodule, of several, and of the controller for all.
     pub mod planning {
         pub use metamorph_agents::metamodule::planning::*;

@@ -5,9 +5,8 @@
 //! nothing can, finds an order if there is one, and no choice has to be taken back. The parts that are left
 //! otherwise block each other.
 
-use metamorph_agents::metamodule::blueprint::{Blueprint, Seed, SeedSet};
+use metamorph_agents::metamodule::blueprint::{Blueprint, Floor, Seed, SeedSet};
 use metamorph_agents::metamodule::motions::Motions;
-use metamorph_agents::metamodule::params::Floor;
 use metamorph_agents::metamodule::planning::is_away;
 use metamorph_core::lattice::Cell;
 

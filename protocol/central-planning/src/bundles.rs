@@ -3,7 +3,7 @@
 
 use metamorph_agents::metamodule::blueprint::Task;
 use metamorph_agents::metamodule::elements::PassiveElement;
-use metamorph_agents::metamodule::params::Setup;
+use metamorph_agents::metamodule::setup::Setup;
 use metamorph_planning::manipulation::structure::assembly::bundles;
 use metamorph_planning::manipulation::structure::{Grips, Part, Seat, Site, Structure};
 use metamorph_planning::manipulation::terrain::Terrain;

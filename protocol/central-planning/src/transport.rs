@@ -1,9 +1,10 @@
 //! Plans how one element is brought to its goal, in the terms of a swarm: poses, postures and loads. The search is that
 //! of [`metamorph_planning::manipulation::transport`].
 
-use metamorph_agents::metamodule::params::{Floor, Setup};
+use metamorph_agents::metamodule::blueprint::Floor;
 use metamorph_agents::metamodule::planning::cooperative::Standstill;
 use metamorph_agents::metamodule::pose::{Load, Pose, to_world};
+use metamorph_agents::metamodule::setup::Setup;
 use metamorph_core::lattice::{Cell, Face};
 use metamorph_planning::manipulation::element::{Element, Grip};
 use metamorph_planning::manipulation::load::{Limits, Peak};

@@ -9,6 +9,27 @@ use thiserror::Error;
 /// The most seeds of a blueprint: sets of seeds are 128 bits.
 pub const MAX_SEEDS: usize = 128;
 
+/// The floor: a rectangle of connectors, both corners included.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Floor {
+    /// The corner with the smallest coordinates.
+    pub min: (i16, i16),
+    /// The corner with the largest.
+    pub max: (i16, i16),
+}
+
+impl Floor {
+    /// Returns the number of connectors.
+    pub fn connectors(&self) -> usize {
+        let side = |min: i16, max: i16| (i32::from(max) - i32::from(min) + 1).max(0) as usize;
+        side(self.min.0, self.max.0) * side(self.min.1, self.max.1)
+    }
+    /// Whether there is a connector.
+    pub fn has(&self, x: i16, y: i16) -> bool {
+        (self.min.0..=self.max.0).contains(&x) && (self.min.1..=self.max.1).contains(&y)
+    }
+}
+
 /// A place for one metamodule: the connector that holds its foot, and the directions from cell to
 /// cell. Which end stands there and how it is turned are free.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]

@@ -4,8 +4,8 @@
 //! named by its place in [`Elements`]; poses carry it as a [`Load`].
 
 use super::motions::Sweep;
-use super::params::Setup;
 use super::pose::{Load, Pose, to_world};
+use super::setup::Setup;
 use metamorph_core::lattice::{Cell, Face};
 use metamorph_planning::manipulation::carry::{CarryTable, held_by};
 use metamorph_planning::manipulation::contact::ElementSweeper;

@@ -7,10 +7,10 @@
 use super::message::{Denial, Message, Rank};
 use super::motions::Sweep;
 use super::neighbour_table::slot;
-use super::params::Setup;
 use super::phase::Phase;
 use super::plan::Plan;
 use super::pose::Pose;
+use super::setup::Setup;
 use super::view::View;
 use metamorph_core::coverage::{CoveragePoint, hit};
 use metamorph_core::defects::Defect;

@@ -31,6 +31,7 @@
 
 mod agent;
 pub mod blueprint;
+mod commands;
 mod detector;
 mod digest;
 pub mod elements;
@@ -47,6 +48,7 @@ pub mod plan;
 pub mod planning;
 pub mod pose;
 mod queries;
+pub mod setup;
 pub mod start;
 pub mod steering;
 pub mod strategy;

@@ -1,7 +1,6 @@
 //! The motion database as agents and bodies share it, and sets of swept cells as they travel.
 
-use super::blueprint::Seed;
-use super::params::Floor;
+use super::blueprint::{Floor, Seed};
 use super::pose::{Pose, to_world};
 use crate::metamodule::planning::distances::Distances;
 use crate::metamodule::planning::enclosure::EnclosureCache;

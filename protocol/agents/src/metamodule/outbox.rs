@@ -1,20 +1,20 @@
 //! What a metamodule says: outputs in order, the numbering of what it tells, and when it repeats its state.
 
-use super::agent::Metamodule;
 use super::message::{Action, Message, State, Status};
-use super::strategy::Advertised;
-use super::view::View;
-use metamorph_core::agent::{Output, OutputOf};
+use super::view::{Advertised, View};
+use metamorph_core::agent::Output;
 use metamorph_core::counters::Class;
 use metamorph_core::ids::Port;
 use metamorph_core::time::Time;
 use std::collections::VecDeque;
 use std::hash::{Hash, Hasher};
 
+type Said = Output<Message, Action, Status>;
+
 #[derive(Clone, Debug)]
 pub(super) struct Outbox {
     /// Outputs that have not been polled yet.
-    queue: VecDeque<OutputOf<Metamodule>>,
+    queue: VecDeque<Said>,
     /// The sequence number of the latest state, path or directive.
     sequence: u32,
     /// When the state is sent again.
@@ -37,7 +37,7 @@ impl Outbox {
     pub fn new(repeat_at: Time) -> Outbox {
         Outbox { queue: VecDeque::new(), sequence: 0, repeat_at, reported: None, asks: false }
     }
-    pub fn poll(&mut self) -> Option<OutputOf<Metamodule>> {
+    pub fn poll(&mut self) -> Option<Said> {
         self.queue.pop_front()
     }
     /// Returns the sequence number of the latest state, path or directive.

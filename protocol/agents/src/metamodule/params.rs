@@ -1,11 +1,7 @@
-//! What all metamodules of a swarm share: the force field's parameters, times, floor, goal, motions.
+//! Parameters of the metamodule protocol: strategies, the force field, times.
 
-use super::blueprint::{Blueprint, Seed, Task};
-use super::elements::Elements;
-use super::motions::Motions;
 use metamorph_core::defects::Defect;
 use metamorph_core::time::Span;
-use metamorph_roombots::Kind;
 use serde::{Deserialize, Serialize};
 
 /// How a metamodule decides what to do next. The first three are the thesis's (4.1.3) and differ in how
@@ -115,27 +111,6 @@ pub struct Repulsion {
     pub decay: u16,
     /// The distance from which on a neighbour does not push, in cells between the middles of the two metamodules.
     pub range: u16,
-}
-
-/// The floor: a rectangle of connectors, both corners included.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub struct Floor {
-    /// The corner with the smallest coordinates.
-    pub min: (i16, i16),
-    /// The corner with the largest.
-    pub max: (i16, i16),
-}
-
-impl Floor {
-    /// Returns the number of connectors.
-    pub fn connectors(&self) -> usize {
-        let side = |min: i16, max: i16| (i32::from(max) - i32::from(min) + 1).max(0) as usize;
-        side(self.min.0, self.max.0) * side(self.min.1, self.max.1)
-    }
-    /// Whether there is a connector.
-    pub fn has(&self, x: i16, y: i16) -> bool {
-        (self.min.0..=self.max.0).contains(&x) && (self.min.1..=self.max.1).contains(&y)
-    }
 }
 
 /// The least [`Params::communication_range`], in connectors. Motions from one foot reach at most four cells to the side,
@@ -261,44 +236,5 @@ impl Params {
     /// deadline by its own clock, and the body compares it with the controller's.
     pub fn clock_margin(&self) -> Span {
         if self.defect == Some(Defect::IgnoreSkew) { Span::ZERO } else { self.skew }
-    }
-}
-
-/// What all agents of a swarm share.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Setup {
-    /// The parameters.
-    pub params: Params,
-    /// The floor.
-    pub floor: Floor,
-    /// What may have to be built, one at a time. The first one is the task at the beginning.
-    pub goals: Vec<Blueprint>,
-    /// The motion database of the metamodules' kind.
-    pub motions: Motions,
-    /// The passive elements.
-    pub elements: Elements,
-}
-
-impl Setup {
-    /// What a swarm without a goal builds: nothing. Every setup from a scenario has a goal.
-    pub const NO_GOAL: &'static Blueprint = &Blueprint::NOTHING;
-
-    /// Returns the goal of a task in its order, neither turned nor moved.
-    pub fn goal(&self, task: Task) -> &Blueprint {
-        let goal = self.goals.get(usize::from(task.goal)).filter(|_| !task.is_dropped);
-        let goal = goal.unwrap_or(Setup::NO_GOAL);
-        task.order.map_or(goal, |order| goal.in_order(order))
-    }
-    /// Returns a seed of a task, where the task has it.
-    pub fn seed(&self, task: Task, seed: u8) -> Option<Seed> {
-        self.goal(task).seeds().get(usize::from(seed)).map(|s| task.moved(*s))
-    }
-    /// Iterates over all seeds of a task with their numbers, where the task has them.
-    pub fn seeds(&self, task: Task) -> impl Iterator<Item = (u8, Seed)> + '_ {
-        (0u8..).zip(self.goal(task).seeds()).map(move |(i, s)| (i, task.moved(*s)))
-    }
-    /// The kind of the metamodules.
-    pub fn kind(&self) -> Kind {
-        self.motions.kind()
     }
 }

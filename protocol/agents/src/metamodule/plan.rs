@@ -1,9 +1,9 @@
 //! One motion of a metamodule, to be locked as a whole.
 
 use super::motions::Sweep;
-use super::params::Setup;
 use super::planning::paths::Ground;
 use super::pose::{Load, Pose};
+use super::setup::Setup;
 use metamorph_core::lattice::Cell;
 
 /// What a motion is for.

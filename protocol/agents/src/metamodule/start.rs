@@ -1,8 +1,8 @@
 //! Where metamodules stand at first: upright, attached by their feet, at random (thesis 4.1.3).
 
-use super::blueprint::Task;
-use super::params::{Floor, Setup};
+use super::blueprint::{Floor, Task};
 use super::pose::Pose;
+use super::setup::Setup;
 use crate::metamodule::planning::paths::Ground;
 use metamorph_core::lattice::Cell;
 use metamorph_core::rng::Rng;

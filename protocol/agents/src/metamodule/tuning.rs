@@ -1,11 +1,9 @@
 //! Parameters of the published strategies that a command can change while a run is in progress. Nothing that is safe
 //! depends on them: they say which motion is asked for, and every motion needs the same locks.
 
-use super::agent::Metamodule;
-use super::params::{Params, Precedence, PrecedenceBy, Repulsion, Setup, Strategy};
-use metamorph_core::time::Time;
+use super::params::{Params, Precedence, PrecedenceBy, Repulsion, Strategy};
+use super::setup::Setup;
 use metamorph_core::wire::{Decoder, Encoder, WireError};
-use std::sync::Arc;
 
 /// All of these parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -59,17 +57,5 @@ impl Tuning {
         };
         let strategy = strategy.ok_or(WireError::Field("strategy"))?;
         Ok(Tuning { strategy, repulsion, precedence, settled_repel: from.bool("settled_repel")? })
-    }
-}
-
-impl Metamodule {
-    /// Takes other parameters. What it asks for now is asked for under the ones before.
-    pub(super) fn on_tuning(&mut self, now: Time, tuning: Tuning) {
-        if !self.setup.params.strategy.is_published() {
-            return;
-        }
-        self.setup = Arc::new(tuning.apply(&self.setup));
-        self.tuned = Some(tuning);
-        self.look_again(now);
     }
 }

@@ -4,12 +4,13 @@
 use super::blueprint::{Blueprint, SeedSet, Task};
 use super::elements::is_at_goal;
 use super::locks::LockTable;
-use super::message::State;
+use super::message::{Claim, State};
 use super::motions::Motions;
 use super::neighbour_table::NeighbourTable;
-use super::params::{Params, SeedAuthority, Setup};
+use super::params::{Params, SeedAuthority};
 use super::planning::paths::Ground;
 use super::pose::Pose;
+use super::setup::Setup;
 use super::steering::Steered;
 use metamorph_core::defects::Defect;
 use metamorph_core::ids::ModuleId;
@@ -36,6 +37,16 @@ pub(super) struct Own {
     /// Before this time a restarted agent neither requests nor grants a lock: an earlier incarnation may have granted
     /// a lock that still holds.
     pub quarantine_until: Time,
+}
+
+/// The part of a strategy's state that neighbours and the world-controller are told.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Advertised {
+    pub claim: Option<Claim>,
+    /// Seeds to which the metamodule has found no route.
+    pub unreachable: SeedSet,
+    /// It stands in a more important path and cannot leave it.
+    pub blocked: bool,
 }
 
 /// What a part of the agent reads in one step.

@@ -11,11 +11,11 @@
 //! Not here: what each agent knows, and the messages that carry a plan out.
 
 use crate::metamodule::blueprint::{SeedSet, Task};
-use crate::metamodule::params::Setup;
 use crate::metamodule::planning::paths::Ground;
 use crate::metamodule::planning::random_walk::random_walk_search;
 use crate::metamodule::planning::state_space::{StateSpace, StopAt};
 use crate::metamodule::pose::Pose;
+use crate::metamodule::setup::Setup;
 use metamorph_core::lattice::Cell;
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -245,11 +245,12 @@ impl Held {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::metamodule::blueprint::Floor;
     use crate::metamodule::blueprint::Seed;
     use crate::metamodule::blueprint::{Blueprint, SeedOrder};
     use crate::metamodule::elements::Elements;
     use crate::metamodule::motions::Motions;
-    use crate::metamodule::params::{Floor, Params, Strategy};
+    use crate::metamodule::params::{Params, Strategy};
     use metamorph_core::lattice::Face;
     use metamorph_core::rng::Rng;
     use metamorph_core::time::Span;

@@ -3,9 +3,8 @@
 //! Every motion is reversible, so the count spreads from the seed. All postures at one connector that turn
 //! into each other count as one place.
 
-use crate::metamodule::blueprint::Seed;
+use crate::metamodule::blueprint::{Floor, Seed};
 use crate::metamodule::motions::Motions;
-use crate::metamodule::params::Floor;
 use crate::metamodule::planning::paths::Ground;
 use crate::metamodule::pose::{Pose, to_frame};
 use metamorph_core::lattice::Cell;

@@ -6,8 +6,8 @@
 //! never the answer.
 
 use super::graph::ones;
+use crate::metamodule::blueprint::Floor;
 use crate::metamodule::motions::Middle;
-use crate::metamodule::params::Floor;
 use crate::metamodule::planning::paths::{Ground, Left};
 use crate::metamodule::pose::{Pose, to_frame, to_world};
 use metamorph_core::lattice::Cell;

@@ -5,9 +5,8 @@
 
 use super::distances::{Distances, index, states};
 use super::graph::{Bits, Reach};
-use crate::metamodule::blueprint::Seed;
+use crate::metamodule::blueprint::{Floor, Seed};
 use crate::metamodule::motions::Motions;
-use crate::metamodule::params::Floor;
 use crate::metamodule::pose::{Pose, to_frame};
 use metamorph_core::lattice::Cell;
 use std::cmp::Reverse;

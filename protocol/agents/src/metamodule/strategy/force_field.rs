@@ -4,9 +4,9 @@
 //! Everything is an integer: vectors are in units of 1/65536 (so 1.0 is [`ONE`]), so that every
 //! build on every machine makes the same choice.
 
-use crate::metamodule::blueprint::Seed;
+use crate::metamodule::blueprint::{Floor, Seed};
 use crate::metamodule::motions::{Middle, Motions};
-use crate::metamodule::params::{Floor, Repulsion};
+use crate::metamodule::params::Repulsion;
 use crate::metamodule::planning::paths::Ground;
 use crate::metamodule::pose::Pose;
 use metamorph_core::lattice::Cell;

@@ -1,16 +1,16 @@
 //! The published strategies (thesis 4.1.3): a metamodule makes the landing with the highest score in the force field,
 //! or the last motion into a seed. The strategies differ only in their parameters, and have no state.
 
-use super::Decision;
+use super::context::Decision;
 use super::force_field::{Field, WORTH};
 use super::precedence::goes_before;
 use crate::metamodule::blueprint::{Seed, SeedSet, Task};
 use crate::metamodule::motions::Middle;
-use crate::metamodule::params::Setup;
 use crate::metamodule::plan::{Aim, Plan};
 use crate::metamodule::planning::graph::{Landed, Reach};
 use crate::metamodule::planning::paths::Ground;
 use crate::metamodule::pose::Pose;
+use crate::metamodule::setup::Setup;
 use crate::metamodule::view::View;
 use metamorph_core::coverage::{CoveragePoint, hit};
 use metamorph_core::lattice::Cell;

@@ -2,51 +2,23 @@
 //! published ones, which decide anew each time; `negotiated` has a state of its own; `planned` does as the
 //! world-controller orders.
 
+pub(super) mod context;
 pub mod force_field;
 pub(super) mod greedy_policy;
 pub(super) mod negotiated;
 mod planned;
 mod precedence;
 
-use super::blueprint::SeedSet;
-use super::message::{Claim, Directive, Instruction, Path, Rank};
-use super::outbox::Outbox;
+use super::message::{Directive, Instruction, Path, Rank};
 use super::params::Strategy;
 use super::plan::Plan;
-use super::view::View;
+use super::view::{Advertised, View};
+use context::{Context, Decision};
 use metamorph_core::digest::Portable;
-use metamorph_core::ids::{ModuleId, Port};
+use metamorph_core::ids::Port;
 use metamorph_core::time::Time;
 use negotiated::Negotiated;
 use planned::Planned;
-
-/// What a strategy works with in one step.
-pub(super) struct Context<'a> {
-    pub v: View<'a>,
-    pub out: &'a mut Outbox,
-    /// Since when the metamodule has made no progress.
-    pub waiting_since: &'a mut Time,
-}
-
-/// What a metamodule does next.
-pub(super) enum Decision {
-    /// It asks for the lock of this motion.
-    Ask(Plan),
-    /// It looks again at this time.
-    Wait(Time),
-    /// It looks again at this time. Until then it waits for this neighbour; `None` if it waits for no particular one.
-    WaitFor(Option<ModuleId>, Time),
-}
-
-/// What neighbours and the world-controller are told of a strategy's state.
-#[derive(Clone, Copy, Default)]
-pub(super) struct Advertised {
-    pub claim: Option<Claim>,
-    /// Seeds to which the metamodule has found no route.
-    pub unreachable: SeedSet,
-    /// It stands in a more important path and cannot leave it.
-    pub blocked: bool,
-}
 
 /// A strategy with its state.
 #[derive(Clone, Debug, Hash)]

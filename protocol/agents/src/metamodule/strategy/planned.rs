@@ -4,8 +4,8 @@
 //! An order that comes late or does not fit the pose is not carried out, so it costs time, never safety. Without
 //! a controller the metamodule stays where it is.
 
+use super::context::{Context, Decision};
 use super::negotiated::{Negotiated, ordered_move};
-use super::{Context, Decision};
 use crate::metamodule::message::Instruction;
 use crate::metamodule::plan::Plan;
 use crate::metamodule::pose::Load;

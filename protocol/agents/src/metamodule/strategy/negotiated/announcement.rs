@@ -5,7 +5,7 @@ use super::scene::Scene;
 use crate::metamodule::message::{LEGS, Message, Path, Rank, Segment};
 use crate::metamodule::planning::paths::Route;
 use crate::metamodule::pose::Pose;
-use crate::metamodule::strategy::Context;
+use crate::metamodule::strategy::context::Context;
 use metamorph_core::counters::Class;
 use metamorph_core::digest::Portable;
 use std::hash::Hash;

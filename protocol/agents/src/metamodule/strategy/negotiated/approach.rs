@@ -8,7 +8,7 @@ use crate::metamodule::message::Claim;
 use crate::metamodule::plan::{Aim, Plan};
 use crate::metamodule::planning::paths::Route;
 use crate::metamodule::pose::Pose;
-use crate::metamodule::strategy::Context;
+use crate::metamodule::strategy::context::Context;
 use metamorph_core::lattice::Cell;
 
 /// The time without progress after which a metamodule leaves its seed to others, in multiples of `patience`.

@@ -16,12 +16,13 @@
 use super::scene::{Scene, fingerprint};
 use crate::metamodule::blueprint::SeedSet;
 use crate::metamodule::message::{Directive, Instruction, Message, MoveEnd};
-use crate::metamodule::params::{Ask, Setup};
+use crate::metamodule::params::Ask;
 use crate::metamodule::plan::{Aim, Plan};
 use crate::metamodule::planning::cooperative::{Move, SearchResult, Standstill, WORK, search};
 use crate::metamodule::planning::lru_cache::mix;
 use crate::metamodule::pose::{Load, Pose};
-use crate::metamodule::strategy::Context;
+use crate::metamodule::setup::Setup;
+use crate::metamodule::strategy::context::Context;
 use crate::metamodule::view::View;
 use metamorph_core::counters::Class;
 use metamorph_core::coverage::{CoveragePoint, hit};

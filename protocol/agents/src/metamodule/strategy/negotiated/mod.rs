@@ -25,12 +25,12 @@ mod corridor;
 mod scene;
 mod yielding;
 
-use super::{Advertised, Context, Decision};
+use super::context::{Context, Decision};
 use crate::metamodule::message::{Claim, Directive, Instruction, Message, Path, Rank};
 use crate::metamodule::plan::Plan;
 use crate::metamodule::planning::paths::Route;
 use crate::metamodule::pose::Pose;
-use crate::metamodule::view::View;
+use crate::metamodule::view::{Advertised, View};
 use announcement::Announcement;
 use claims::Claims;
 use coordinator::Coordinator;

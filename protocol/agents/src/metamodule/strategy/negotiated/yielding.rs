@@ -7,7 +7,7 @@ use crate::metamodule::message::{Claim, Rank};
 use crate::metamodule::plan::{Aim, Plan};
 use crate::metamodule::planning::paths::{Ground, Route};
 use crate::metamodule::pose::Pose;
-use crate::metamodule::strategy::Context;
+use crate::metamodule::strategy::context::Context;
 use metamorph_core::coverage::{CoveragePoint, hit};
 use metamorph_core::digest::Portable;
 use metamorph_core::lattice::Cell;
