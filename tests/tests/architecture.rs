@@ -242,6 +242,144 @@ fn modules_use_only_those_below_them() {
     }
 }
 
+/// Crates in which no more than [`CIRCLE_MAX`] files use each other in a circle. The root of a crate is left out.
+const WITHOUT_CIRCLES: [&str; 8] = [
+    "protocol/core",
+    "protocol/cube",
+    "protocol/host-link",
+    "protocol/pairing",
+    "protocol/roombots",
+    "protocol/planning",
+    "protocol/agents",
+    "protocol/central-planning",
+];
+
+/// The most files that may use each other in a circle.
+const CIRCLE_MAX: usize = 4;
+
+/// Splits a source into names, `::`, and other characters.
+fn tokens(code: &str) -> Vec<&str> {
+    let mut rest = code.trim_start();
+    let mut tokens = Vec::new();
+    while let Some(first) = rest.chars().next() {
+        let is_name = |c: char| c.is_alphanumeric() || c == '_';
+        let name = rest.find(|c: char| !is_name(c)).unwrap_or(rest.len());
+        let length = match name {
+            0 if rest.starts_with("::") => 2,
+            0 => first.len_utf8(),
+            _ => name,
+        };
+        tokens.push(&rest[..length]);
+        rest = rest[length..].trim_start();
+    }
+    tokens
+}
+
+/// Reads a path, or the paths of a tree in braces, that begins at token `at`. Returns the token after it.
+fn read_paths<'a>(
+    tokens: &[&'a str],
+    mut at: usize,
+    mut path: Vec<&'a str>,
+    found: &mut Vec<Vec<&'a str>>,
+) -> usize {
+    loop {
+        match tokens.get(at).copied() {
+            Some("{") => {
+                at += 1;
+                loop {
+                    at = match tokens.get(at).copied() {
+                        Some("}") | None => return at + 1,
+                        Some(",") => at + 1,
+                        Some("as") => at + 2,
+                        Some(_) => read_paths(tokens, at, path.clone(), found),
+                    };
+                }
+            }
+            Some(name) => path.push(name),
+            None => return at,
+        }
+        if tokens.get(at + 1) != Some(&"::") {
+            found.push(path);
+            return at + 1;
+        }
+        at += 2;
+    }
+}
+
+/// Returns the modules that a source names, from the root of its crate on. `own` is its own module.
+fn named_modules(text: &str, own: &[String]) -> Vec<Vec<String>> {
+    let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
+    let lines = code.lines().map(|line| line.split("//").next().unwrap_or_default());
+    let code: String = lines.flat_map(|line| [line, "\n"]).collect();
+    let tokens = tokens(&code);
+    let mut found = Vec::new();
+    for (i, token) in tokens.iter().enumerate() {
+        let before = i.checked_sub(1).map_or("", |b| tokens[b]);
+        let is_start = matches!(*token, "crate" | "super" | "self") && tokens.get(i + 1) == Some(&"::");
+        if before == "use" || is_start && !matches!(before, "::" | "in") {
+            read_paths(&tokens, i, Vec::new(), &mut found);
+        }
+    }
+    let absolute = |path: Vec<&str>| {
+        let mut from = if path[0] == "crate" { Vec::new() } else { own.to_vec() };
+        for name in path.into_iter().filter(|name| !matches!(*name, "crate" | "self")) {
+            if name == "super" {
+                from.pop();
+            } else {
+                from.push(name.to_owned());
+            }
+        }
+        from
+    };
+    found.into_iter().map(absolute).collect()
+}
+
+#[test]
+fn no_circle_of_more_than_four_files() {
+    for name in WITHOUT_CIRCLES {
+        let source = root().join(name).join("src");
+        let mut files = Vec::new();
+        rust_files(&source, &mut files);
+        let module = |file: &PathBuf| {
+            let path = file.strip_prefix(&source).expect("it is in the folder").with_extension("");
+            let mut names: Vec<String> = path.iter().map(|n| n.to_string_lossy().into_owned()).collect();
+            names.pop_if(|last| matches!(last.as_str(), "mod" | "lib"));
+            names
+        };
+        files.retain(|file| !file.ends_with("tests.rs") && !module(file).is_empty());
+        let modules: BTreeSet<Vec<String>> = files.iter().map(module).collect();
+        let uses: BTreeMap<Vec<String>, BTreeSet<Vec<String>>> = files
+            .iter()
+            .map(|file| {
+                let (own, text) = (module(file), fs::read_to_string(file).expect("sources are text"));
+                let of = |mut path: Vec<String>| {
+                    while !path.is_empty() && !modules.contains(&path) {
+                        path.pop();
+                    }
+                    path
+                };
+                let used = named_modules(&text, &own).into_iter().map(of);
+                let used = used.filter(|path| !path.is_empty() && *path != own).collect();
+                (own, used)
+            })
+            .collect();
+        let reached = |from: &Vec<String>| {
+            let (mut reached, mut edge) = (BTreeSet::new(), vec![from.clone()]);
+            while let Some(next) = edge.pop() {
+                edge.extend(uses[&next].iter().filter(|m| reached.insert((*m).clone())).cloned());
+            }
+            reached
+        };
+        let all: BTreeMap<&Vec<String>, BTreeSet<Vec<String>>> =
+            modules.iter().map(|m| (m, reached(m))).collect();
+        for (one, reached) in &all {
+            let circle: Vec<String> =
+                reached.iter().filter(|m| all[m].contains(*one)).map(|m| m.join("/")).collect();
+            assert!(circle.len() <= CIRCLE_MAX, "{name}: {circle:?} use each other");
+        }
+    }
+}
+
 /// A transport is chosen where a run is started; the loops at both of its ends are generic over it.
 #[test]
 fn the_wait_loop_and_the_controller_loop_name_no_transport() {

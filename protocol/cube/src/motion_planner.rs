@@ -8,7 +8,7 @@ use super::message::{Beacon, Role};
 use super::negotiation::Attempt;
 use super::params::{BACK_OFF, BACK_OFF_SPREAD, Connectivity, MOST_DOUBLED, Params};
 use super::sides::Sides;
-use super::steering::{self, Steered, Steering};
+use super::steering::{Steered, Steering};
 use super::view::View;
 use alloc::vec::Vec;
 use core::hash::Hash;
@@ -399,7 +399,7 @@ impl Cube {
             Some(Steered { steering: Steering::GoTo(to), until }) => {
                 // It looks again when a neighbour tells something new.
                 self.planner.decide_at = until;
-                steering::towards(self.own.cell, to, &courses, &mut self.rng)
+                towards(self.own.cell, to, &courses, &mut self.rng)
             }
             _ => self.planner.choose(v, &courses, &mut self.rng),
         };
@@ -460,6 +460,16 @@ impl Cube {
         self.on_step(cell);
         self.touch();
     }
+}
+
+/// Returns a motion that is free and brings a module nearest to a cell; of equally good ones, a random one. `None` if no
+/// motion brings it nearer than it is.
+fn towards(cell: Cell, to: Cell, courses: &Courses, rng: &mut Rng) -> Option<Motion> {
+    let nearer = |motion: &Motion| motion.destination(cell).manhattan(to) < cell.manhattan(to);
+    let mut motions: Vec<Motion> = courses.free().filter(nearer).collect();
+    let nearest = motions.iter().map(|motion| motion.destination(cell).manhattan(to)).min()?;
+    motions.retain(|motion| motion.destination(cell).manhattan(to) == nearest);
+    motions.get(rng.below(motions.len() as u64) as usize).copied()
 }
 
 const QUARTER: Ratio = match Ratio::new(1, 4) {

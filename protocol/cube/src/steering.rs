@@ -2,11 +2,8 @@
 //! for anyway: every motion needs the same locks, and a module in reserve leaves only if it may.
 
 use super::Cube;
-use super::motion_planner::Courses;
-use alloc::vec::Vec;
 use metamorph_core::coverage::{CoveragePoint, hit};
-use metamorph_core::lattice::{Cell, Motion};
-use metamorph_core::rng::Rng;
+use metamorph_core::lattice::Cell;
 use metamorph_core::time::Time;
 use metamorph_core::wire::{Decoder, Encoder, WireError};
 
@@ -64,14 +61,4 @@ impl Cube {
         self.steered.take_if(|steered| now >= steered.until);
         self.steered
     }
-}
-
-/// Returns a motion that is free and brings a module nearest to a cell; of equally good ones, a random one. `None` if no
-/// motion brings it nearer than it is.
-pub(super) fn towards(cell: Cell, to: Cell, courses: &Courses, rng: &mut Rng) -> Option<Motion> {
-    let nearer = |motion: &Motion| motion.destination(cell).manhattan(to) < cell.manhattan(to);
-    let mut motions: Vec<Motion> = courses.free().filter(nearer).collect();
-    let nearest = motions.iter().map(|motion| motion.destination(cell).manhattan(to)).min()?;
-    motions.retain(|motion| motion.destination(cell).manhattan(to) == nearest);
-    motions.get(rng.below(motions.len() as u64) as usize).copied()
 }

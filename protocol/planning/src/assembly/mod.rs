@@ -27,3 +27,4 @@ pub mod structure;
 pub mod tables;
 #[cfg(test)]
 mod tests;
+pub mod world;

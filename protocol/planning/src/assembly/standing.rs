@@ -1,8 +1,8 @@
 //! Checks that a structure stands, for the [checker](super::checker): with nothing taken from the planner, by samples.
 
-use super::checker::{Refusal, World};
 use super::collision::Model;
 use super::ground::SAMPLES;
+use super::world::{Refusal, Robot, World};
 use metamorph_roombots::body::Body;
 use metamorph_roombots::chain::{Pose, diagonal, rotation};
 use metamorph_roombots::sweep::{CORE_DEPTH, GRAZE_DEPTH};
@@ -114,7 +114,7 @@ impl Standing {
 
 /// Returns the poses of all hemispheres after a part of a turn.
 fn poses(world: &World, turn: Option<&Turned<'_>>, fraction: f64) -> Vec<[Pose; 4]> {
-    let still = |r: &super::checker::Robot| {
+    let still = |r: &Robot| {
         let (frames, centres) = (r.hemispheres(), r.centres());
         [0, 1, 2, 3].map(|h| Pose {
             rotation: frames[h].matrix(),

@@ -29,6 +29,7 @@ pub mod resting;
 pub mod scene;
 pub mod stride;
 pub mod structure;
+pub mod task;
 pub mod terrain;
 pub mod transport;
 pub mod verification;

@@ -2,8 +2,8 @@
 
 use super::handover::Pair;
 use super::scene::{Foothold, Hold, Way};
+use super::task::Task;
 use super::terrain::world_cell;
-use super::transport::Task;
 use super::walking::{Body, Ground, Motion, Walks, degrees_of};
 use metamorph_core::lattice::Cell;
 use metamorph_roombots::posture::Posture;
