@@ -61,7 +61,7 @@ fn is_found(defect: Defect, family: &'static dyn Family, within: u64, from: u64)
 }
 
 /// Defects that drawn scenarios do not meet: three need an order to come late, which it never does on one host, one a late
-/// beacon of a dead module, and two several hosts. The tests of custody (`protocol/src/cube/custody.rs`), of plans
+/// beacon of a dead module, and two several hosts. The tests of custody (`protocol/cube/src/custody.rs`), of plans
 /// (`tests/tests/planned.rs`) and of hosts (`tests/tests/hosts.rs`) show what each of them does.
 const FOUND_ELSEWHERE: [Defect; 6] = [
     Defect::ForgetSaid,
