@@ -9,6 +9,17 @@ use std::process::Command;
 /// The crates that a protocol is built with.
 const CRATES: [&str; 4] =
     ["metamorph-protocol", "metamorph-sim-bridge", "metamorph-module-agent", "metamorph-world-controller"];
+/// The crates that these are made of. In a clone their paths are known; packed, they have to be named, too.
+const PARTS: [&str; 8] = [
+    "metamorph-agents",
+    "metamorph-central-planning",
+    "metamorph-core",
+    "metamorph-cube",
+    "metamorph-host-link",
+    "metamorph-pairing",
+    "metamorph-planning",
+    "metamorph-roombots",
+];
 
 fn cargo(directory: &Path, args: &[&str]) -> Ran {
     let mut cargo = Command::new(env!("CARGO"));
@@ -25,16 +36,16 @@ fn packed(directory: &Path) -> Vec<(&'static str, PathBuf)> {
     let target = directory.join("target");
     let target = target.to_str().unwrap();
     let mut args = vec!["package", "--quiet", "--no-verify", "--allow-dirty", "--target-dir", target];
-    args.extend(CRATES.iter().flat_map(|name| ["--package", *name]));
+    args.extend(CRATES.iter().chain(&PARTS).flat_map(|name| ["--package", *name]));
     cargo(&root(), &args);
-    let unpacked = CRATES.map(|name| {
+    let unpacked = CRATES.iter().chain(&PARTS).map(|name| {
         let stem = format!("{name}-{}", env!("CARGO_PKG_VERSION"));
         let file = directory.join("target/package").join(format!("{stem}.crate"));
         let status = Command::new("tar").arg("-xzf").arg(&file).arg("-C").arg(directory).status().unwrap();
         assert!(status.success(), "{}", file.display());
-        (name, directory.join(stem))
+        (*name, directory.join(stem))
     });
-    unpacked.into()
+    unpacked.collect()
 }
 
 #[test]
@@ -48,10 +59,16 @@ fn the_template_builds_against_packed_crates() {
     let manifest = fs::read_to_string(mine.join("Cargo.toml")).unwrap();
     let mut manifest = manifest;
     for (name, path) in packed(directory.path()) {
+        let after = format!("{name} = {{ path = \"{}\" }}", path.display());
+        if PARTS.contains(&name) {
+            // The patch is the last table.
+            manifest += &format!("{after}\n");
+            continue;
+        }
         let folder = name.trim_start_matches("metamorph-");
         let before = format!("{name} = {{ path = \"../metamorph/{folder}\" }}");
         assert!(manifest.contains(&before), "{manifest}");
-        manifest = manifest.replace(&before, &format!("{name} = {{ path = \"{}\" }}", path.display()));
+        manifest = manifest.replace(&before, &after);
     }
     fs::write(mine.join("Cargo.toml"), manifest).unwrap();
     // The same versions of other crates as here, since there may be no network.
