@@ -21,6 +21,10 @@
 //! | 28 | 4 | zero |
 //! | 32 | 96 | payload, zero beyond its length |
 
+mod fields;
+
+pub use fields::{Absent, Field};
+
 use crate::counters::Class;
 use crate::ids::{Incarnation, ModuleId, Port};
 use crate::lattice::{Cell, Face};
@@ -116,17 +120,7 @@ impl Wire for Never {
     }
 }
 
-impl Wire for Cell {
-    fn kind(&self) -> u8 {
-        0
-    }
-    fn encode(&self, out: &mut Encoder) {
-        out.cell(*self);
-    }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Cell, WireError> {
-        if kind == 0 { from.cell() } else { Err(WireError::Kind(kind)) }
-    }
-}
+crate::only_message!(Cell = 0);
 
 /// All fields of a frame but its payload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -3,6 +3,7 @@
 use metamorph_core::lattice::{Cell, Motion, MotionKind};
 use metamorph_core::time::Time;
 use metamorph_core::wire::{Decoder, Encoder, Wire, WireError};
+use metamorph_core::{codes, messages};
 
 /// The action of a cube.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -54,6 +55,8 @@ pub enum Refusal {
     Moving = 3,
 }
 
+codes!(Refusal, "refusal" { Blocked, Late, Stale, Moving });
+
 /// The outcome of a move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Percept {
@@ -65,33 +68,4 @@ pub enum Percept {
     Refused(Refusal),
 }
 
-impl Wire for Percept {
-    fn kind(&self) -> u8 {
-        match self {
-            Percept::Arrived(_) => 0,
-            Percept::Failed => 1,
-            Percept::Refused(_) => 2,
-        }
-    }
-    fn encode(&self, out: &mut Encoder) {
-        match self {
-            Percept::Arrived(cell) => out.cell(*cell),
-            Percept::Failed => {}
-            Percept::Refused(why) => out.u8(*why as u8),
-        }
-    }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Percept, WireError> {
-        match kind {
-            0 => Ok(Percept::Arrived(from.cell()?)),
-            1 => Ok(Percept::Failed),
-            2 => Ok(Percept::Refused(match from.u8()? {
-                0 => Refusal::Blocked,
-                1 => Refusal::Late,
-                2 => Refusal::Stale,
-                3 => Refusal::Moving,
-                _ => return Err(WireError::Field("refusal")),
-            })),
-            _ => Err(WireError::Kind(kind)),
-        }
-    }
-}
+messages!(Percept { 0 => Arrived(cell), 1 => Failed, 2 => Refused(refusal) });

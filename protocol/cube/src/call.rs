@@ -22,7 +22,7 @@ use metamorph_core::coverage::{CoveragePoint, hit};
 use metamorph_core::ids::{ModuleId, Token};
 use metamorph_core::lattice::{Cell, Face, Motion, MotionKind};
 use metamorph_core::time::{Span, Time};
-use metamorph_core::wire::{Decoder, Encoder, WireError};
+use metamorph_core::wire::{Decoder, Encoder, Field, WireError};
 
 /// The largest number of steps of a way; a longer one is called in parts.
 pub const MAX_STEPS: usize = 56;
@@ -93,13 +93,15 @@ impl Way {
         // Invariant: all steps are valid, by `new` and `decode`.
         self.steps[..usize::from(self.len)].iter().filter_map(|byte| Step::unpack(*byte))
     }
+}
 
-    pub(super) fn encode(&self, out: &mut Encoder) {
+impl Field for Way {
+    fn put(&self, out: &mut Encoder) {
         out.cell(self.from);
         out.u8(self.len);
         self.steps[..usize::from(self.len)].iter().for_each(|byte| out.u8(*byte));
     }
-    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Way, WireError> {
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Way, WireError> {
         let mut way = Way { from: from.cell()?, len: from.u8()?, steps: [0; MAX_STEPS] };
         let used = usize::from(way.len);
         if !(1..=MAX_STEPS).contains(&used) {

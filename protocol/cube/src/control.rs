@@ -2,15 +2,13 @@
 
 use super::call::Way;
 use super::epoch::{Epoch, Opening};
-use super::message::{NO_MODULE, Role};
+use super::message::Role;
 use super::steering::Steering;
 use metamorph_core::ids::{ModuleId, Port, Session, Token};
 use metamorph_core::lattice::{Cell, Face};
 use metamorph_core::time::Time;
-use metamorph_core::wire::{Decoder, Encoder, Wire, WireError};
-
-/// Stands for no token: the controller counts its requests from one.
-const NO_TOKEN: u32 = 0;
+use metamorph_core::wire::{Decoder, Encoder, Field, Wire, WireError};
+use metamorph_core::{fields, messages};
 
 /// An order of the world-controller to a cube.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -102,82 +100,16 @@ pub struct CustodyKey {
     pub holder: Cell,
 }
 
-impl Wire for Order {
-    fn kind(&self) -> u8 {
-        match self {
-            Order::Goal(_) => 0,
-            Order::Condemn { .. } => 1,
-            Order::Custody(_) => 2,
-            Order::Steer { .. } => 3,
-            Order::Call { .. } => 4,
-            Order::Carry { .. } => 5,
-        }
-    }
-    fn encode(&self, out: &mut Encoder) {
-        match self {
-            Order::Goal(opening) => opening.encode(out),
-            Order::Condemn { port, session, epoch, finalized, died } => {
-                out.u8(port.0);
-                out.u32(session.0);
-                epoch.encode(out);
-                out.bool(*finalized);
-                out.time(*died);
-            }
-            Order::Custody(CustodyAnnouncement { dead, died, epoch, face, is_final }) => {
-                out.cell(*dead);
-                out.time(*died);
-                epoch.encode(out);
-                out.face(*face);
-                out.bool(*is_final);
-            }
-            Order::Steer { steering, until } => {
-                steering.encode(out);
-                out.u64(until.0);
-            }
-            Order::Call { epoch, until, way } => {
-                epoch.encode(out);
-                out.time(*until);
-                way.encode(out);
-            }
-            Order::Carry { epoch, mover, token, face } => {
-                epoch.encode(out);
-                out.u32(mover.0);
-                out.u32(token.0);
-                out.face(*face);
-            }
-        }
-    }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Order, WireError> {
-        match kind {
-            0 => Ok(Order::Goal(Opening::decode(from)?)),
-            1 => Ok(Order::Condemn {
-                port: Port(from.face("port")? as u8),
-                session: Session(from.u32()?),
-                epoch: Epoch::decode(from)?,
-                finalized: from.bool("finalized")?,
-                died: from.time()?,
-            }),
-            2 => Ok(Order::Custody(CustodyAnnouncement {
-                dead: from.cell()?,
-                died: from.time()?,
-                epoch: Epoch::decode(from)?,
-                face: from.face("face")?,
-                is_final: from.bool("final")?,
-            })),
-            3 => Ok(Order::Steer { steering: Steering::decode(from)?, until: Time(from.u64()?) }),
-            4 => {
-                Ok(Order::Call { epoch: Epoch::decode(from)?, until: from.time()?, way: Way::decode(from)? })
-            }
-            5 => Ok(Order::Carry {
-                epoch: Epoch::decode(from)?,
-                mover: ModuleId(from.u32()?),
-                token: Token(from.u32()?),
-                face: from.face("face")?,
-            }),
-            _ => Err(WireError::Kind(kind)),
-        }
-    }
-}
+fields!(CustodyAnnouncement { dead, died, epoch, face, is_final as "final" });
+
+messages!(Order {
+    0 => Goal(opening),
+    1 => Condemn { port, session, epoch, finalized, died } if port.index() < Face::ALL.len() => "port",
+    2 => Custody(announcement),
+    3 => Steer { steering, until },
+    4 => Call { epoch, until, way },
+    5 => Carry { epoch, mover, token, face },
+});
 
 /// A report of a cube to the world-controller, sent when one of its fields has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -214,7 +146,7 @@ impl Wire for Status {
         0
     }
     fn encode(&self, out: &mut Encoder) {
-        self.epoch.encode(out);
+        self.epoch.put(out);
         out.u8(self.role as u8);
         for flag in [self.attached, self.immobile, self.pinned, self.attracted] {
             out.bool(flag);
@@ -222,8 +154,8 @@ impl Wire for Status {
         out.u8(self.wants);
         out.u32(self.subtree);
         out.u32(self.prevented);
-        out.u32(self.waits_for.map_or(NO_MODULE, |id| id.0));
-        out.u32(self.carries.map_or(NO_TOKEN, |token| token.0));
+        self.waits_for.put(out);
+        self.carries.put(out);
         let held = Face::ALL.into_iter().filter(|f| self.custody[f.index()] != Time::ZERO);
         out.u8(Face::mask(held.clone()));
         held.for_each(|f| out.time(self.custody[f.index()]));
@@ -233,7 +165,7 @@ impl Wire for Status {
             return Err(WireError::Kind(kind));
         }
         let mut status = Status {
-            epoch: Epoch::decode(from)?,
+            epoch: Epoch::take("epoch", from)?,
             role: Role::decode(from.u8()?)?,
             attached: from.bool("attached")?,
             immobile: from.bool("immobile")?,
@@ -242,8 +174,8 @@ impl Wire for Status {
             wants: from.u8()?,
             subtree: from.u32()?,
             prevented: from.u32()?,
-            waits_for: Some(from.u32()?).filter(|id| *id != NO_MODULE).map(ModuleId),
-            carries: Some(from.u32()?).filter(|token| *token != NO_TOKEN).map(Token),
+            waits_for: Field::take("waits_for", from)?,
+            carries: Field::take("carries", from)?,
             custody: [Time::ZERO; 6],
         };
         let held = from.u8()?;

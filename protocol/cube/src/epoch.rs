@@ -3,8 +3,8 @@
 
 use core::cmp::Ordering;
 use core::fmt;
+use metamorph_core::fields;
 use metamorph_core::time::Time;
-use metamorph_core::wire::{Decoder, Encoder, WireError};
 
 /// A goal, and how often it has been opened again.
 ///
@@ -41,14 +41,9 @@ impl Epoch {
     pub const fn next_goal(self) -> Epoch {
         Epoch(self.goal() + 1)
     }
-
-    pub(super) fn encode(self, out: &mut Encoder) {
-        out.u16(self.0);
-    }
-    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Epoch, WireError> {
-        Ok(Epoch(from.u16()?))
-    }
 }
+
+fields!(Epoch { 0 });
 
 impl Ord for Epoch {
     fn cmp(&self, other: &Epoch) -> Ordering {
@@ -85,15 +80,9 @@ impl Opening {
     pub fn of(epoch: Epoch, opened: Time) -> Opening {
         Opening { epoch, opened, is_closed: false }
     }
-    pub(super) fn encode(&self, out: &mut Encoder) {
-        self.epoch.encode(out);
-        out.time(self.opened);
-        out.bool(self.is_closed);
-    }
-    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Opening, WireError> {
-        Ok(Opening { epoch: Epoch::decode(from)?, opened: from.time()?, is_closed: from.bool("closed")? })
-    }
 }
+
+fields!(Opening { epoch, opened, is_closed as "closed" });
 
 #[cfg(test)]
 mod tests {

@@ -7,7 +7,8 @@ use metamorph_core::coverage::CoveragePoint;
 use metamorph_core::ids::{ModuleId, Token};
 use metamorph_core::lattice::Face;
 use metamorph_core::time::{Span, Time};
-use metamorph_core::wire::{Decoder, Encoder, Wire, WireError};
+use metamorph_core::wire::{Decoder, Encoder, Field, WireError};
+use metamorph_core::{codes, fields, messages};
 
 /// The role of a module in the growth of the goal (thesis 4.1.2: wandering, finalized; a module of the
 /// initial body that has not been recruited yet is in reserve).
@@ -177,6 +178,21 @@ pub enum Ask {
     Reserve(Face),
 }
 
+impl Field for Ask {
+    fn put(&self, out: &mut Encoder) {
+        match self {
+            Ask::Lock => out.u8(0xFF),
+            Ask::Reserve(face) => out.face(*face),
+        }
+    }
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Ask, WireError> {
+        match from.u8()? {
+            0xFF => Ok(Ask::Lock),
+            face => Face::from_index(face).map(Ask::Reserve).ok_or(WireError::Field("ask")),
+        }
+    }
+}
+
 /// Why a request is denied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
@@ -210,19 +226,9 @@ impl Denial {
             Denial::Quarantined => CoveragePoint::CubeDeniedQuarantined,
         }
     }
-    fn decode(v: u8) -> Result<Option<Denial>, WireError> {
-        Ok(Some(match v {
-            0 => return Ok(None),
-            1 => Denial::Occupied,
-            2 => Denial::Reserved,
-            3 => Denial::Busy,
-            4 => Denial::Younger,
-            5 => Denial::NoSupport,
-            6 => Denial::Quarantined,
-            _ => return Err(WireError::Field("denial")),
-        }))
-    }
 }
+
+codes!(Denial or none, "denial" { Occupied, Reserved, Busy, Younger, NoSupport, Quarantined });
 
 /// Identifies one request: its origin, the attempt, and the number within it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -235,16 +241,7 @@ pub struct RequestId {
     pub number: u8,
 }
 
-impl RequestId {
-    fn encode(&self, out: &mut Encoder) {
-        out.u32(self.origin.0);
-        out.u32(self.token.0);
-        out.u8(self.number);
-    }
-    fn decode(from: &mut Decoder<'_>) -> Result<RequestId, WireError> {
-        Ok(RequestId { origin: ModuleId(from.u32()?), token: Token(from.u32()?), number: from.u8()? })
-    }
-}
+fields!(RequestId { origin, token, number });
 
 /// A message between cubes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -327,17 +324,19 @@ pub enum Reached {
 impl Reached {
     const ROOT: u8 = 0xFF;
     const DEAD: u8 = 0x10;
+}
 
-    fn encode(self) -> u8 {
-        match self {
+impl Field for Reached {
+    fn put(&self, out: &mut Encoder) {
+        out.u8(match self {
             Reached::Root => Reached::ROOT,
-            Reached::Neighbour(face) => face as u8,
-            Reached::Dead(face) => Reached::DEAD | face as u8,
-        }
+            Reached::Neighbour(face) => *face as u8,
+            Reached::Dead(face) => Reached::DEAD | *face as u8,
+        });
     }
-    fn decode(byte: u8) -> Result<Reached, WireError> {
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Reached, WireError> {
         let face = |index| Face::from_index(index).ok_or(WireError::Field("reached"));
-        match byte {
+        match from.u8()? {
             Reached::ROOT => Ok(Reached::Root),
             byte if byte & Reached::DEAD != 0 => face(byte & !Reached::DEAD).map(Reached::Dead),
             byte => face(byte).map(Reached::Neighbour),
@@ -345,17 +344,46 @@ impl Reached {
     }
 }
 
-/// Stands for no module on the wire.
-pub(super) const NO_MODULE: u32 = u32::MAX;
-
 /// Reads a set of faces: one bit for each of the six.
 fn face_mask(bits: u8) -> Result<u8, WireError> {
     if bits < 64 { Ok(bits) } else { Err(WireError::Field("face mask")) }
 }
 
-impl Beacon {
-    fn decode(from: &mut Decoder<'_>) -> Result<Beacon, WireError> {
-        let (id, sequence, epoch) = (ModuleId(from.u32()?), from.u32()?, Epoch::decode(from)?);
+impl Field for Beacon {
+    fn put(&self, out: &mut Encoder) {
+        let b = self;
+        out.u32(b.id.0);
+        out.u32(b.sequence);
+        b.epoch.put(out);
+        let flags = [b.attached, b.immobile, b.supported_here, b.wants_you, b.quarantined];
+        let bits = flags.iter().rev().fold(0u8, |bits, f| bits << 1 | u8::from(*f));
+        out.u8(bits << 2 | b.role as u8);
+        out.u8(b.supports);
+        out.u8(b.finals);
+        out.u8(b.filled);
+        out.u16(b.rank.label);
+        out.u64(b.rank.rooted.0);
+        out.u64(b.renew.0);
+        out.u8(b.final_hops);
+        let (claim, token) = match b.claim {
+            Claim::None => (0, 0),
+            Claim::Want(t) => (1, t.0),
+            Claim::Parent(t) => (2, t.0),
+        };
+        out.u8(claim);
+        out.u32(token);
+        out.bool(b.ack.is_some());
+        out.u32(b.ack.map_or(0, |t| t.0));
+        out.u8(b.corners);
+        out.u32(b.subtree);
+        for e in b.field {
+            out.u16(e.distance);
+            out.u32(e.source);
+            out.u16(e.version);
+        }
+    }
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Beacon, WireError> {
+        let (id, sequence, epoch) = (ModuleId(from.u32()?), from.u32()?, Epoch::take("epoch", from)?);
         let bits = from.u8()?;
         if bits >> 7 != 0 {
             return Err(WireError::Field("flags"));
@@ -405,132 +433,21 @@ impl Beacon {
     }
 }
 
-impl Wire for Message {
-    fn kind(&self) -> u8 {
-        match self {
-            Message::Beacon(_) => 0,
-            Message::Request { .. } => 1,
-            Message::Response { .. } => 2,
-            Message::Release { .. } => 3,
-            Message::Search { .. } => 4,
-            Message::Found { .. } => 5,
-        }
-    }
+/// Returns whether a hop is one of a route's.
+fn is_inside(hop: u8, route: &Route, least: u8) -> bool {
+    hop >= least && usize::from(hop) <= route.hop_count()
+}
 
-    fn encode(&self, out: &mut Encoder) {
-        match self {
-            Message::Beacon(b) => {
-                out.u32(b.id.0);
-                out.u32(b.sequence);
-                b.epoch.encode(out);
-                let flags = [b.attached, b.immobile, b.supported_here, b.wants_you, b.quarantined];
-                let bits = flags.iter().rev().fold(0u8, |bits, f| bits << 1 | u8::from(*f));
-                out.u8(bits << 2 | b.role as u8);
-                out.u8(b.supports);
-                out.u8(b.finals);
-                out.u8(b.filled);
-                out.u16(b.rank.label);
-                out.u64(b.rank.rooted.0);
-                out.u64(b.renew.0);
-                out.u8(b.final_hops);
-                let (claim, token) = match b.claim {
-                    Claim::None => (0, 0),
-                    Claim::Want(t) => (1, t.0),
-                    Claim::Parent(t) => (2, t.0),
-                };
-                out.u8(claim);
-                out.u32(token);
-                out.bool(b.ack.is_some());
-                out.u32(b.ack.map_or(0, |t| t.0));
-                out.u8(b.corners);
-                out.u32(b.subtree);
-                for e in b.field {
-                    out.u16(e.distance);
-                    out.u32(e.source);
-                    out.u16(e.version);
-                }
-            }
-            Message::Request { id, age, hop, ask, route } => {
-                id.encode(out);
-                out.u64(age.0);
-                out.u8(*hop);
-                out.u8(match ask {
-                    Ask::Lock => 0xFF,
-                    Ask::Reserve(face) => *face as u8,
-                });
-                route.encode(out);
-            }
-            Message::Response { id, hop, denial, blocker, co_owners, route } => {
-                id.encode(out);
-                out.u8(*hop);
-                out.u8(denial.map_or(0, |d| d as u8));
-                out.u32(blocker.map_or(NO_MODULE, |b| b.0));
-                out.u8(*co_owners);
-                route.encode(out);
-            }
-            Message::Release { origin, token } => {
-                out.u32(origin.0);
-                out.u32(token.0);
-            }
-            Message::Search { id, ttl, dead, route } => {
-                id.encode(out);
-                out.u8(*ttl);
-                out.u8(*dead);
-                route.encode(out);
-            }
-            Message::Found { id, hop, reached, route } => {
-                id.encode(out);
-                out.u8(*hop);
-                out.u8(reached.encode());
-                route.encode(out);
-            }
-        }
-    }
-
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Message, WireError> {
-        let inside = |hop: u8, route: &Route, least: u8| {
-            let valid = hop >= least && usize::from(hop) <= route.hop_count();
-            if valid { Ok(()) } else { Err(WireError::Field("hop")) }
-        };
-        match kind {
-            0 => Ok(Message::Beacon(Beacon::decode(from)?)),
-            1 => {
-                let (id, age, hop) = (RequestId::decode(from)?, Span(from.u64()?), from.u8()?);
-                let ask = match from.u8()? {
-                    0xFF => Ask::Lock,
-                    face => Ask::Reserve(Face::from_index(face).ok_or(WireError::Field("ask"))?),
-                };
-                let route = Route::decode(from)?;
-                inside(hop, &route, 1)?;
-                Ok(Message::Request { id, age, hop, ask, route })
-            }
-            2 => {
-                let (id, hop) = (RequestId::decode(from)?, from.u8()?);
-                let denial = Denial::decode(from.u8()?)?;
-                let blocker = Some(from.u32()?).filter(|b| *b != NO_MODULE).map(ModuleId);
-                let (co_owners, route) = (face_mask(from.u8()?)?, Route::decode(from)?);
-                inside(hop, &route, 0)?;
-                Ok(Message::Response { id, hop, denial, blocker, co_owners, route })
-            }
-            3 => Ok(Message::Release { origin: ModuleId(from.u32()?), token: Token(from.u32()?) }),
-            4 => {
-                let (id, ttl, dead) = (RequestId::decode(from)?, from.u8()?, from.u8()?);
-                if dead >= 64 {
-                    return Err(WireError::Field("dead"));
-                }
-                Ok(Message::Search { id, ttl, dead, route: Route::decode(from)? })
-            }
-            5 => {
-                let (id, hop) = (RequestId::decode(from)?, from.u8()?);
-                let reached = Reached::decode(from.u8()?)?;
-                let route = Route::decode(from)?;
-                inside(hop, &route, 0)?;
-                Ok(Message::Found { id, hop, reached, route })
-            }
-            _ => Err(WireError::Kind(kind)),
-        }
-    }
-
+messages!(Message {
+    0 => Beacon(beacon),
+    1 => Request { id, age, hop, ask, route } if is_inside(hop, &route, 1) => "hop",
+    2 => Response { id, hop, denial, blocker, co_owners, route }
+        if co_owners < 64 => "face mask"
+        if is_inside(hop, &route, 0) => "hop",
+    3 => Release { origin, token },
+    4 => Search { id, ttl, dead, route } if dead < 64 => "dead",
+    5 => Found { id, hop, reached, route } if is_inside(hop, &route, 0) => "hop",
+}
     fn wire_len(&self) -> usize {
         // Fixed layouts; a test compares them with what `encode` writes.
         metamorph_core::wire::HEADER
@@ -543,7 +460,7 @@ impl Wire for Message {
                 Message::Found { .. } => 22,
             }
     }
-}
+);
 
 #[cfg(test)]
 mod tests;

@@ -1,7 +1,7 @@
 //! A path over faces, taken by requests and searches.
 
 use metamorph_core::lattice::Face;
-use metamorph_core::wire::{Decoder, Encoder, WireError};
+use metamorph_core::wire::{Decoder, Encoder, Field, WireError};
 
 /// The largest number of hops of a request.
 pub const MAX_HOPS: usize = 26;
@@ -44,8 +44,10 @@ impl Route {
         next.len += 1;
         Some(next)
     }
+}
 
-    pub(super) fn encode(&self, out: &mut Encoder) {
+impl Field for Route {
+    fn put(&self, out: &mut Encoder) {
         out.u8(self.len);
         let mut packed = 0u128;
         for (i, hop) in self.hops.iter().enumerate() {
@@ -55,7 +57,7 @@ impl Route {
             out.u8(*byte);
         }
     }
-    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Route, WireError> {
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Route, WireError> {
         let len = from.u8()?;
         let mut bytes = [0u8; 16];
         for byte in &mut bytes[..10] {

@@ -5,7 +5,7 @@ use super::Cube;
 use metamorph_core::coverage::{CoveragePoint, hit};
 use metamorph_core::lattice::Cell;
 use metamorph_core::time::Time;
-use metamorph_core::wire::{Decoder, Encoder, WireError};
+use metamorph_core::wire::{Decoder, Encoder, Field, WireError};
 
 /// What a cube is commanded to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -18,9 +18,9 @@ pub enum Steering {
     GoTo(Cell),
 }
 
-impl Steering {
-    pub(super) fn encode(self, out: &mut Encoder) {
-        let (kind, cell) = match self {
+impl Field for Steering {
+    fn put(&self, out: &mut Encoder) {
+        let (kind, cell) = match *self {
             Steering::Release => (0, Cell::default()),
             Steering::Hold => (1, Cell::default()),
             Steering::GoTo(cell) => (2, cell),
@@ -28,7 +28,7 @@ impl Steering {
         out.u8(kind);
         out.cell(cell);
     }
-    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Steering, WireError> {
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Steering, WireError> {
         match (from.u8()?, from.cell()?) {
             (0, cell) if cell == Cell::default() => Ok(Steering::Release),
             (1, cell) if cell == Cell::default() => Ok(Steering::Hold),

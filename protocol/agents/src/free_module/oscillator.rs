@@ -12,6 +12,7 @@
 //! Everything is integers, so that agents on all machines agree bit by bit: phases in 2^-32 turns, angles in 2^-20 rad,
 //! rates in 2^-32 per second, and a table of sines that is computed when the program is compiled.
 
+use metamorph_core::fields;
 use metamorph_core::time::Span;
 use serde::{Deserialize, Serialize};
 use std::ops::{Add, Sub};
@@ -20,6 +21,8 @@ use std::ops::{Add, Sub};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Phase(pub u32);
+
+fields!(Phase { 0 });
 
 impl Phase {
     /// Returns how far this phase is ahead of another, from half a turn behind to half a turn ahead, in 2^-32 turns.
@@ -89,6 +92,8 @@ const fn sines() -> [i32; QUARTER + 1] {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Angle(pub i32);
+
+fields!(Angle { 0 });
 
 impl Angle {
     /// One radian.

@@ -1,7 +1,7 @@
 //! What is to be built: seeds in levels (thesis 4.1.3), and the order in which they open.
 
 use metamorph_core::lattice::{Cell, Face};
-use metamorph_core::wire::{Decoder, Encoder, WireError};
+use metamorph_core::wire::{Decoder, Encoder, Field, WireError};
 use serde::{Deserialize, Serialize};
 use std::hash::{Hash, Hasher};
 use thiserror::Error;
@@ -210,8 +210,11 @@ impl Task {
         let (x, y) = seed.foot;
         Seed { foot: (x.saturating_add(self.shift.0), y.saturating_add(self.shift.1)), ..seed }
     }
-    /// Writes seven bytes. Of a coordinate, the two highest bits are equal, so one of them can say more.
-    pub fn encode(&self, out: &mut Encoder) {
+}
+
+/// Seven bytes. Of a coordinate, the two highest bits are equal, so one of them can say more.
+impl Field for Task {
+    fn put(&self, out: &mut Encoder) {
         out.u16(self.epoch);
         let order = SeedOrder::ALL.iter().position(|order| Some(*order) == self.order).map_or(0, |i| i + 1);
         let dropped = if self.is_dropped { Task::DROPPED } else { 0 };
@@ -220,8 +223,7 @@ impl Task {
         out.u16(self.shift.0 as u16 ^ bit(0));
         out.u16(self.shift.1 as u16 ^ bit(1));
     }
-    /// Reads seven bytes.
-    pub fn decode(from: &mut Decoder<'_>) -> Result<Task, WireError> {
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Task, WireError> {
         let (epoch, goal) = (from.u16()?, from.u8()?);
         let words = (from.u16()?, from.u16()?);
         let bit = |word: u16| word >> 15 ^ word >> 14 & 1;

@@ -70,6 +70,8 @@ impl LaidOut {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub struct Sweep(pub Bits);
 
+metamorph_core::fields!(Sweep { 0 });
+
 /// Four times the middle of the four cells of a metamodule, along the floor.
 pub type Middle = (i64, i64);
 

@@ -2,7 +2,8 @@
 //! cells that follow from the two.
 
 use metamorph_core::lattice::Cell;
-use metamorph_core::wire::{Decoder, Encoder, Wire, WireError};
+use metamorph_core::wire::{Decoder, Encoder, Field, WireError};
+use metamorph_core::{fields, only_message};
 use metamorph_roombots::grid::GridState;
 use serde::{Deserialize, Serialize};
 use std::hash::{Hash, Hasher};
@@ -49,15 +50,9 @@ impl Load {
             n => Some(n as usize - 1),
         }
     }
-    /// Writes one byte.
-    pub(crate) fn encode(self, out: &mut Encoder) {
-        out.u8(self.0);
-    }
-    /// Reads one byte.
-    pub(crate) fn decode(from: &mut Decoder<'_>) -> Result<Load, WireError> {
-        from.u8().map(Load)
-    }
 }
+
+fields!(Load { 0 });
 
 /// Where a metamodule stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -100,21 +95,21 @@ impl Pose {
         let (a, b) = (self.foot(), other.foot());
         a.0.abs_diff(b.0) <= range && a.1.abs_diff(b.1) <= range
     }
+}
 
-    /// Writes eight bytes.
-    pub fn encode(self, out: &mut Encoder) {
+/// Eight bytes.
+impl Field for Pose {
+    fn put(&self, out: &mut Encoder) {
         out.u16(self.state.x as u16);
         out.u16(self.state.y as u16);
         out.u8(self.state.class | (self.end as u8) << 2 | u8::from(self.both) << 3);
-        self.load.encode(out);
+        self.load.put(out);
         out.u16(self.posture);
     }
-
-    /// Reads eight bytes.
-    pub fn decode(from: &mut Decoder<'_>) -> Result<Pose, WireError> {
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Pose, WireError> {
         let (x, y) = (from.u16()? as i16, from.u16()? as i16);
         let flags = from.u8()?;
-        let load = Load::decode(from)?;
+        let load = Load::take("load", from)?;
         let posture = from.u16()?;
         let far = |c: i16| c.unsigned_abs() > Cell::LIMIT.unsigned_abs();
         if flags > 15 || far(x) || far(y) || posture >= MAX_POSTURES {
@@ -129,17 +124,7 @@ impl Pose {
 /// Bound of posture numbers: the number of combinations of the lattice angles of six joints.
 const MAX_POSTURES: u16 = 1296;
 
-impl Wire for Pose {
-    fn kind(&self) -> u8 {
-        0
-    }
-    fn encode(&self, out: &mut Encoder) {
-        (*self).encode(out);
-    }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Pose, WireError> {
-        if kind == 0 { Pose::decode(from) } else { Err(WireError::Kind(kind)) }
-    }
-}
+only_message!(Pose = 0);
 
 /// Converts a cell from the foot frame of `state` to world coordinates.
 pub fn to_world(state: GridState, cell: Cell) -> Cell {

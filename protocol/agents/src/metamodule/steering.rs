@@ -4,7 +4,7 @@
 use super::blueprint::{MAX_SEEDS, Seed};
 use metamorph_core::lattice::{Cell, Face};
 use metamorph_core::time::Time;
-use metamorph_core::wire::{Decoder, Encoder, WireError};
+use metamorph_core::wire::{Decoder, Encoder, Field, WireError};
 
 /// The most seeds, as the number that a command carries.
 const SEEDS: i16 = MAX_SEEDS as i16;
@@ -22,9 +22,9 @@ pub enum Steering {
     Take(u8),
 }
 
-impl Steering {
-    pub(super) fn encode(self, out: &mut Encoder) {
-        let (kind, a, b) = match self {
+impl Field for Steering {
+    fn put(&self, out: &mut Encoder) {
+        let (kind, a, b) = match *self {
             Steering::Release => (0, 0, 0),
             Steering::Hold => (1, 0, 0),
             Steering::GoTo((x, y)) => (2, x, y),
@@ -34,7 +34,7 @@ impl Steering {
         out.u16(a as u16);
         out.u16(b as u16);
     }
-    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Steering, WireError> {
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Steering, WireError> {
         let (kind, a, b) = (from.u8()?, from.u16()? as i16, from.u16()? as i16);
         let far = |c: i16| c.unsigned_abs() > Cell::LIMIT.unsigned_abs();
         match (kind, a, b) {

@@ -3,7 +3,7 @@
 
 use super::params::{Params, Precedence, PrecedenceBy, Repulsion, Strategy};
 use super::setup::Setup;
-use metamorph_core::wire::{Decoder, Encoder, WireError};
+use metamorph_core::wire::{Decoder, Encoder, Field, WireError};
 
 /// All of these parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -30,8 +30,10 @@ impl Tuning {
         let params = Params { strategy, repulsion, precedence, settled_repel, ..setup.params };
         Setup { params, ..setup.clone() }
     }
+}
 
-    pub(super) fn encode(self, out: &mut Encoder) {
+impl Field for Tuning {
+    fn put(&self, out: &mut Encoder) {
         // Invariant: it is one of them.
         let strategy = Strategy::PUBLISHED.iter().position(|s| *s == self.strategy).unwrap_or_default();
         out.u8(strategy as u8);
@@ -46,7 +48,7 @@ impl Tuning {
         out.u16(within);
         out.bool(self.settled_repel);
     }
-    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Tuning, WireError> {
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Tuning, WireError> {
         let strategy = Strategy::PUBLISHED.get(usize::from(from.u8()?)).copied();
         let repulsion = Repulsion { strength: from.u16()?, decay: from.u16()?, range: from.u16()? };
         let precedence = match (from.u8()?, from.u16()?) {

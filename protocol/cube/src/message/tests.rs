@@ -11,7 +11,7 @@ use metamorph_core::counters::Class;
 use metamorph_core::ids::{Incarnation, Port, Session};
 use metamorph_core::lattice::{Cell, Motion, MotionKind};
 use metamorph_core::time::Time;
-use metamorph_core::wire::{Channel, Frame, HEADER, Header, PAYLOAD};
+use metamorph_core::wire::{Channel, Frame, HEADER, Header, PAYLOAD, Wire};
 use proptest::prelude::*;
 
 fn header() -> Header {

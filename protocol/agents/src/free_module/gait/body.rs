@@ -4,7 +4,8 @@ use super::message::Docking;
 use crate::free_module::network::Role;
 use crate::free_module::oscillator::Angle;
 use crate::free_module::structure::JOINTS;
-use metamorph_core::wire::{Decoder, Encoder, Wire, WireError};
+use metamorph_core::wire::{Decoder, Encoder, Field, WireError};
+use metamorph_core::{fields, only_message};
 
 /// Units of a quaternion's components: 2^30 is 1.
 pub const UNIT: i32 = 1 << 30;
@@ -26,34 +27,8 @@ impl Default for Pose {
     }
 }
 
-impl Pose {
-    fn put(&self, out: &mut Encoder) {
-        self.position.iter().chain(&self.rotation).for_each(|x| out.u32(*x as u32));
-        self.angles.iter().for_each(|a| out.u32(a.0 as u32));
-    }
-    fn read(from: &mut Decoder<'_>) -> Result<Pose, WireError> {
-        let mut pose = Pose::default();
-        for x in pose.position.iter_mut().chain(&mut pose.rotation) {
-            *x = from.u32()? as i32;
-        }
-        for angle in &mut pose.angles {
-            *angle = Angle(from.u32()? as i32);
-        }
-        Ok(pose)
-    }
-}
-
-impl Wire for Pose {
-    fn kind(&self) -> u8 {
-        0
-    }
-    fn encode(&self, out: &mut Encoder) {
-        self.put(out);
-    }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Pose, WireError> {
-        if kind == 0 { Pose::read(from) } else { Err(WireError::Kind(kind)) }
-    }
-}
+fields!(Pose { position, rotation, angles });
+only_message!(Pose = 0);
 
 /// What is docked at a module, and where its body is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -64,18 +39,8 @@ pub struct Place {
     pub pose: Pose,
 }
 
-impl Wire for Place {
-    fn kind(&self) -> u8 {
-        0
-    }
-    fn encode(&self, out: &mut Encoder) {
-        self.docking.encode(out);
-        self.pose.put(out);
-    }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Place, WireError> {
-        Ok(Place { docking: Docking::decode(kind, from)?, pose: Pose::read(from)? })
-    }
-}
+fields!(Place { docking, pose });
+only_message!(Place = 0);
 
 /// What a joint does in the network in use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -119,29 +84,18 @@ pub struct Status {
     pub tasks: [Task; JOINTS as usize],
 }
 
-impl Wire for Status {
-    fn kind(&self) -> u8 {
-        0
+impl Field for Task {
+    fn put(&self, out: &mut Encoder) {
+        // Invariant: the list has all tasks.
+        out.u8(Task::ALL.iter().position(|task| task == self).unwrap_or_default() as u8);
     }
-    fn encode(&self, out: &mut Encoder) {
-        out.u64(self.known);
-        for task in &self.tasks {
-            // Invariant: the list has all tasks.
-            out.u8(Task::ALL.iter().position(|t| t == task).unwrap_or_default() as u8);
-        }
-    }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Status, WireError> {
-        if kind != 0 {
-            return Err(WireError::Kind(kind));
-        }
-        let known = from.u64()?;
-        let mut tasks = [Task::Locked; JOINTS as usize];
-        for task in &mut tasks {
-            *task = *Task::ALL.get(usize::from(from.u8()?)).ok_or(WireError::Field("task"))?;
-        }
-        Ok(Status { known, tasks })
+    fn take(name: &'static str, from: &mut Decoder<'_>) -> Result<Task, WireError> {
+        Task::ALL.get(usize::from(from.u8()?)).copied().ok_or(WireError::Field(name))
     }
 }
+
+fields!(Status { known, tasks as "task" });
+only_message!(Status = 0);
 
 #[cfg(test)]
 mod tests {

@@ -3,8 +3,9 @@
 use crate::free_module::oscillator::{Angle, Phase};
 use crate::free_module::structure::{JOINTS, Joint, MAX_MODULES, Structure};
 use metamorph_core::ids::{Incarnation, ModuleId};
+use metamorph_core::only_message;
 use metamorph_core::time::Time;
-use metamorph_core::wire::{Decoder, Encoder, Wire, WireError};
+use metamorph_core::wire::{Decoder, Encoder, Field, Wire, WireError};
 use metamorph_roombots::connector::Connector;
 use serde::{Deserialize, Serialize};
 
@@ -41,6 +42,9 @@ impl Docking {
         }
         docking
     }
+}
+
+impl Field for Docking {
     fn put(&self, out: &mut Encoder) {
         for docked in &self.0 {
             let (peer, how) =
@@ -49,7 +53,7 @@ impl Docking {
             out.u8(how);
         }
     }
-    fn read(from: &mut Decoder<'_>) -> Result<Docking, WireError> {
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Docking, WireError> {
         let mut docking = Docking::default();
         for docked in &mut docking.0 {
             let (peer, how) = (from.u16()?, from.u8()?);
@@ -73,17 +77,7 @@ fn module(number: u16) -> Result<ModuleId, WireError> {
     if id.index() < MAX_MODULES { Ok(id) } else { Err(WireError::Field("module")) }
 }
 
-impl Wire for Docking {
-    fn kind(&self) -> u8 {
-        0
-    }
-    fn encode(&self, out: &mut Encoder) {
-        self.put(out);
-    }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Docking, WireError> {
-        if kind == 0 { Docking::read(from) } else { Err(WireError::Kind(kind)) }
-    }
-}
+only_message!(Docking = 0);
 
 /// What a module tells all others about itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -105,6 +99,23 @@ impl LinkState {
     }
 }
 
+impl Field for LinkState {
+    fn put(&self, out: &mut Encoder) {
+        out.u16(self.module.0 as u16);
+        self.incarnation.put(out);
+        out.u32(self.number);
+        self.docking.put(out);
+    }
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<LinkState, WireError> {
+        Ok(LinkState {
+            module: module(from.u16()?)?,
+            incarnation: Field::take("incarnation", from)?,
+            number: from.u32()?,
+            docking: Field::take("docking", from)?,
+        })
+    }
+}
+
 /// The phase of an oscillator at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PhaseAt {
@@ -121,14 +132,14 @@ pub struct PhaseAt {
 /// The longest amplitude and offset in messages and orders: 4 rad.
 pub const LARGEST: Angle = Angle(4 << 20);
 
-impl PhaseAt {
+impl Field for PhaseAt {
     fn put(&self, out: &mut Encoder) {
         out.u16(self.oscillator.0);
         out.u32(self.phase.0);
         out.u32(self.amplitude.0 as u32);
         out.time(self.at);
     }
-    fn read(from: &mut Decoder<'_>) -> Result<PhaseAt, WireError> {
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<PhaseAt, WireError> {
         let oscillator = Joint(from.u16()?);
         if usize::from(oscillator.0) >= MAX_MODULES * usize::from(JOINTS) {
             return Err(WireError::Field("oscillator"));
@@ -174,39 +185,26 @@ impl Wire for Message {
     }
     fn encode(&self, out: &mut Encoder) {
         match self {
-            Message::LinkState(link) => {
-                out.u16(link.module.0 as u16);
-                out.u16(link.incarnation.0);
-                out.u32(link.number);
-                link.docking.put(out);
-            }
-            Message::Known { hash, settled } => {
-                out.u64(*hash);
-                out.bool(*settled);
-            }
+            Message::LinkState(link) => link.put(out),
+            Message::Known { hash, settled } => (*hash, *settled).put(out),
             Message::Phases { epoch, phases } => {
                 out.u16(*epoch);
                 // Invariant: at most PHASES, which fit into a frame.
                 out.u8(phases.len() as u8);
-                phases.iter().for_each(|p| p.put(out));
+                phases.iter().for_each(|phase| phase.put(out));
             }
         }
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Message, WireError> {
         match kind {
-            0 => Ok(Message::LinkState(LinkState {
-                module: module(from.u16()?)?,
-                incarnation: Incarnation(from.u16()?),
-                number: from.u32()?,
-                docking: Docking::read(from)?,
-            })),
+            0 => Field::take("link", from).map(Message::LinkState),
             1 => Ok(Message::Known { hash: from.u64()?, settled: from.bool("settled")? }),
             2 => {
                 let (epoch, count) = (from.u16()?, usize::from(from.u8()?));
                 if count > PHASES {
                     return Err(WireError::Field("count"));
                 }
-                let phases = (0..count).map(|_| PhaseAt::read(from)).collect::<Result<_, _>>()?;
+                let phases = (0..count).map(|_| Field::take("phases", from)).collect::<Result<_, _>>()?;
                 Ok(Message::Phases { epoch, phases })
             }
             _ => Err(WireError::Kind(kind)),
@@ -236,7 +234,7 @@ pub struct Gait {
     pub joints: [Option<Parameters>; JOINTS as usize],
 }
 
-impl Gait {
+impl Field for Gait {
     fn put(&self, out: &mut Encoder) {
         out.u16(self.epoch);
         out.time(self.start);
@@ -248,7 +246,7 @@ impl Gait {
             out.u32(p.phase.0);
         }
     }
-    fn read(from: &mut Decoder<'_>) -> Result<Gait, WireError> {
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Gait, WireError> {
         let (epoch, start) = (from.u16()?, from.time()?);
         let mut joints = [None; JOINTS as usize];
         for joint in &mut joints {
@@ -326,7 +324,7 @@ impl Wire for Order {
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Order, WireError> {
         match kind {
-            0 => Gait::read(from).map(Order::Gait),
+            0 => Field::take("gait", from).map(Order::Gait),
             1 => Ok(Order::Dead { module: module(from.u16()?)?, incarnation: Incarnation(from.u16()?) }),
             _ => Err(WireError::Kind(kind)),
         }

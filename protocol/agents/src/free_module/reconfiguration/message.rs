@@ -4,7 +4,8 @@ use super::place::{CONNECTORS, Place, connectors};
 use metamorph_core::ids::ModuleId;
 use metamorph_core::lattice::Cell;
 use metamorph_core::time::Time;
-use metamorph_core::wire::{Decoder, Encoder, Wire, WireError};
+use metamorph_core::wire::{Decoder, Encoder, Field, Wire, WireError};
+use metamorph_core::{codes, fields, messages};
 use metamorph_planning::assembly::tables::POSTURES;
 
 /// What one module does in a step of a plan. A connection is made, or given up, by both sides.
@@ -31,14 +32,17 @@ impl BodyAction {
             BodyAction::Turn { .. } => 2,
         }
     }
-    fn encode(self, out: &mut Encoder) {
+}
+
+impl Field for BodyAction {
+    fn put(&self, out: &mut Encoder) {
         out.u8(self.number());
-        match self {
+        match *self {
             BodyAction::Attach(connector) | BodyAction::Detach(connector) => out.u8(connector),
             BodyAction::Turn { joint, positive } => out.u8(2 * joint + u8::from(positive)),
         }
     }
-    fn decode(from: &mut Decoder<'_>) -> Result<BodyAction, WireError> {
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<BodyAction, WireError> {
         let (number, what) = (from.u8()?, from.u8()?);
         match number {
             0 if usize::from(what) < CONNECTORS => Ok(BodyAction::Attach(what)),
@@ -60,16 +64,7 @@ pub struct StepName {
     pub attempt: u8,
 }
 
-impl StepName {
-    fn encode(self, out: &mut Encoder) {
-        out.u32(self.epoch);
-        out.u16(self.index);
-        out.u8(self.attempt);
-    }
-    fn decode(from: &mut Decoder<'_>) -> Result<StepName, WireError> {
-        Ok(StepName { epoch: from.u32()?, index: from.u16()?, attempt: from.u8()? })
-    }
-}
+fields!(StepName { epoch, index, attempt });
 
 /// What the controller orders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -92,41 +87,12 @@ pub enum Order {
     },
 }
 
-impl Wire for Order {
-    fn kind(&self) -> u8 {
-        match self {
-            Order::Hold { .. } => 16,
-            Order::Step { .. } => 17,
-        }
-    }
-    fn encode(&self, out: &mut Encoder) {
-        match self {
-            Order::Hold { epoch } => out.u32(*epoch),
-            Order::Step { step, body_action, expect: (posture, closed), not_after } => {
-                step.encode(out);
-                body_action.encode(out);
-                out.u8(*posture);
-                out.u16(*closed);
-                out.time(*not_after);
-            }
-        }
-    }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Order, WireError> {
-        match kind {
-            16 => Ok(Order::Hold { epoch: from.u32()? }),
-            17 => {
-                let (step, body_action, posture) =
-                    (StepName::decode(from)?, BodyAction::decode(from)?, from.u8()?);
-                if usize::from(posture) >= POSTURES {
-                    return Err(WireError::Field("posture"));
-                }
-                let closed = connectors(from.u16()?)?;
-                Ok(Order::Step { step, body_action, expect: (posture, closed), not_after: from.time()? })
-            }
-            _ => Err(WireError::Kind(kind)),
-        }
-    }
-}
+messages!(Order {
+    16 => Hold { epoch },
+    17 => Step { step, body_action, expect, not_after }
+        if usize::from(expect.0) < POSTURES => "posture"
+        if connectors(expect.1).is_ok() => "connectors",
+});
 
 /// Why a step was not carried out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -183,22 +149,22 @@ impl Wire for Status {
     }
     fn encode(&self, out: &mut Encoder) {
         out.u32(self.epoch);
-        self.place.encode(out);
+        self.place.put(out);
         out.bool(self.busy);
         let (step, result) = self.last.map_or((StepName::default(), u8::MAX), |(step, result)| {
             (step, result.map_or_else(|failure| failure as u8 + 1, |()| 0))
         });
-        step.encode(out);
+        step.put(out);
         out.u8(result);
         out.u32(self.prevented);
-        out.u32(self.waits_for.map_or(u32::MAX, |id| id.0));
+        self.waits_for.put(out);
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Status, WireError> {
         if kind != 16 {
             return Err(WireError::Kind(kind));
         }
-        let (epoch, place, busy) = (from.u32()?, Place::decode(from)?, from.bool("busy")?);
-        let step = StepName::decode(from)?;
+        let (epoch, place, busy) = (from.u32()?, Place::take("place", from)?, from.bool("busy")?);
+        let step = StepName::take("step", from)?;
         let last = match from.u8()? {
             u8::MAX if step == StepName::default() => None,
             0 => Some((step, Ok(()))),
@@ -208,7 +174,7 @@ impl Wire for Status {
             }
         };
         let prevented = from.u32()?;
-        let waits_for = Some(from.u32()?).filter(|id| *id != u32::MAX).map(ModuleId);
+        let waits_for = Field::take("waits_for", from)?;
         Ok(Status { epoch, place, busy, last, prevented, waits_for })
     }
 }
@@ -229,12 +195,10 @@ impl Wire for Action {
         16 + self.body_action.number()
     }
     fn encode(&self, out: &mut Encoder) {
-        self.step.encode(out);
-        self.body_action.encode(out);
-        out.time(self.not_after);
+        (self.step, self.body_action, self.not_after).put(out);
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Action, WireError> {
-        let (step, body_action) = (StepName::decode(from)?, BodyAction::decode(from)?);
+        let (step, body_action): (StepName, BodyAction) = Field::take("action", from)?;
         if kind != 16 + body_action.number() {
             return Err(WireError::Kind(kind));
         }
@@ -258,10 +222,7 @@ pub enum Refusal {
     Impossible = 4,
 }
 
-impl Refusal {
-    const ALL: [Refusal; 5] =
-        [Refusal::Blocked, Refusal::Late, Refusal::Stale, Refusal::Busy, Refusal::Impossible];
-}
+codes!(Refusal, "refusal" { Blocked, Late, Stale, Busy, Impossible });
 
 /// The rotation of a part of the structure about a joint's axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -273,6 +234,8 @@ pub struct Swing {
     /// The angle in degrees, by the right-hand rule about the axis.
     pub degrees: i16,
 }
+
+fields!(Swing { pivot, axis, degrees });
 
 /// What a body tells about an action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -294,50 +257,13 @@ pub enum Percept {
     },
 }
 
-impl Wire for Percept {
-    fn kind(&self) -> u8 {
-        match self {
-            Percept::Done(_) => 16,
-            Percept::Failed => 17,
-            Percept::Refused(_) => 18,
-            Percept::Carried(_) => 19,
-            Percept::Settled { .. } => 20,
-        }
-    }
-    fn encode(&self, out: &mut Encoder) {
-        match self {
-            Percept::Done(place) => place.encode(out),
-            Percept::Failed => {}
-            Percept::Refused(why) => out.u8(*why as u8),
-            Percept::Carried(swing) => {
-                out.cell(swing.pivot);
-                swing.axis.iter().for_each(|a| out.u8(*a as u8));
-                out.u16(swing.degrees as u16);
-            }
-            Percept::Settled { place, moved } => {
-                place.encode(out);
-                out.bool(*moved);
-            }
-        }
-    }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Percept, WireError> {
-        Ok(match kind {
-            16 => Percept::Done(Place::decode(from)?),
-            17 => Percept::Failed,
-            18 => {
-                let why = Refusal::ALL.get(usize::from(from.u8()?));
-                Percept::Refused(*why.ok_or(WireError::Field("refusal"))?)
-            }
-            19 => {
-                let pivot = from.cell()?;
-                let axis = [from.u8()? as i8, from.u8()? as i8, from.u8()? as i8];
-                Percept::Carried(Swing { pivot, axis, degrees: from.u16()? as i16 })
-            }
-            20 => Percept::Settled { place: Place::decode(from)?, moved: from.bool("moved")? },
-            _ => return Err(WireError::Kind(kind)),
-        })
-    }
-}
+messages!(Percept {
+    16 => Done(place),
+    17 => Failed,
+    18 => Refused(refusal),
+    19 => Carried(swing),
+    20 => Settled { place, moved },
+});
 
 /// Why a branch lock is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

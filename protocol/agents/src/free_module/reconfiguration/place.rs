@@ -1,7 +1,8 @@
 //! Places of modules on the lattice, and their conversion from and to the configurations of planner and checker.
 
 use metamorph_core::lattice::Cell;
-use metamorph_core::wire::{Decoder, Encoder, Wire, WireError};
+use metamorph_core::only_message;
+use metamorph_core::wire::{Decoder, Encoder, Field, WireError};
 use metamorph_planning::assembly::checker::{Robot, robot};
 use metamorph_planning::assembly::configuration::{Configuration, Module};
 use metamorph_planning::assembly::tables::{Code, POSTURES, ROTATIONS, Rot, TABLES};
@@ -82,19 +83,12 @@ pub fn configuration(places: &[Place]) -> Option<Configuration> {
     Configuration::new(&places.iter().map(module).collect::<Option<Vec<_>>>()?)
 }
 
-impl Place {
-    /// Writes the place into a message.
-    pub fn encode(&self, out: &mut Encoder) {
-        out.cell(self.cell);
-        out.u8(self.rotation);
-        out.u8(self.posture);
+impl Field for Place {
+    fn put(&self, out: &mut Encoder) {
+        (self.cell, self.rotation, self.posture).put(out);
         out.u16(self.closed);
     }
-    /// Reads a place from a message.
-    ///
-    /// # Errors
-    /// Refuses fields with impossible values.
-    pub fn decode(from: &mut Decoder<'_>) -> Result<Place, WireError> {
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Place, WireError> {
         let below = |value: u8, bound: usize, field| {
             if usize::from(value) < bound { Ok(value) } else { Err(WireError::Field(field)) }
         };
@@ -107,22 +101,12 @@ impl Place {
     }
 }
 
+only_message!(Place = 16);
+
 /// Checks a set of connectors.
 ///
 /// # Errors
 /// Refuses connectors that a module does not have.
 pub fn connectors(set: u16) -> Result<u16, WireError> {
     if set < 1 << CONNECTORS { Ok(set) } else { Err(WireError::Field("connectors")) }
-}
-
-impl Wire for Place {
-    fn kind(&self) -> u8 {
-        16
-    }
-    fn encode(&self, out: &mut Encoder) {
-        Place::encode(self, out);
-    }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Place, WireError> {
-        if kind == 16 { Place::decode(from) } else { Err(WireError::Kind(kind)) }
-    }
 }

@@ -2,7 +2,8 @@
 
 use crate::metamodule::pose::{Load, Pose};
 use metamorph_core::time::Time;
-use metamorph_core::wire::{Decoder, Encoder, Wire, WireError};
+use metamorph_core::wire::{Decoder, Encoder, Field, Wire, WireError};
+use metamorph_core::{codes, messages};
 
 /// One action of a body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -42,7 +43,7 @@ impl Wire for Action {
         out.time(self.not_after);
         match self.body_action {
             BodyAction::Turn(step) => out.u16(step),
-            BodyAction::Grip(load) => load.encode(out),
+            BodyAction::Grip(load) => load.put(out),
             BodyAction::Attach | BodyAction::Detach | BodyAction::LetGo => {}
         }
     }
@@ -52,7 +53,7 @@ impl Wire for Action {
             16 => BodyAction::Turn(from.u16()?),
             17 => BodyAction::Attach,
             18 => BodyAction::Detach,
-            19 => BodyAction::Grip(Load::decode(from)?),
+            19 => BodyAction::Grip(Load::take("load", from)?),
             20 => BodyAction::LetGo,
             _ => return Err(WireError::Kind(kind)),
         };
@@ -76,6 +77,8 @@ pub enum Refusal {
     Impossible = 4,
 }
 
+codes!(Refusal, "refusal" { Blocked, Late, Stale, Busy, Impossible });
+
 /// How an action went.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Percept {
@@ -87,34 +90,4 @@ pub enum Percept {
     Refused(Refusal),
 }
 
-impl Wire for Percept {
-    fn kind(&self) -> u8 {
-        match self {
-            Percept::Done(_) => 16,
-            Percept::Failed => 17,
-            Percept::Refused(_) => 18,
-        }
-    }
-    fn encode(&self, out: &mut Encoder) {
-        match self {
-            Percept::Done(p) => (*p).encode(out),
-            Percept::Failed => {}
-            Percept::Refused(why) => out.u8(*why as u8),
-        }
-    }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Percept, WireError> {
-        Ok(match kind {
-            16 => Percept::Done(Pose::decode(from)?),
-            17 => Percept::Failed,
-            18 => Percept::Refused(match from.u8()? {
-                0 => Refusal::Blocked,
-                1 => Refusal::Late,
-                2 => Refusal::Stale,
-                3 => Refusal::Busy,
-                4 => Refusal::Impossible,
-                _ => return Err(WireError::Field("refusal")),
-            }),
-            _ => return Err(WireError::Kind(kind)),
-        })
-    }
-}
+messages!(Percept { 16 => Done(pose), 17 => Failed, 18 => Refused(refusal) });

@@ -8,7 +8,7 @@ use crate::metamodule::tuning::Tuning;
 use metamorph_core::ids::ModuleId;
 use metamorph_core::lattice::Cell;
 use metamorph_core::time::Time;
-use metamorph_core::wire::{Decoder, Encoder, Wire, WireError};
+use metamorph_core::wire::{Decoder, Encoder, Field, Wire, WireError};
 
 /// What the world-controller tells a metamodule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -82,14 +82,14 @@ impl Wire for Order {
     fn encode(&self, out: &mut Encoder) {
         match self {
             Order::Seeds { task, open, filled } => {
-                task.encode(out);
+                task.put(out);
                 let wide = is_wide(*open, *filled);
                 open.encode(wide, out);
                 filled.encode(wide, out);
             }
             Order::Dead { id, pose } => {
                 out.u32(id.0);
-                pose.encode(out);
+                pose.put(out);
             }
             Order::Alive { id } => out.u32(id.0),
             Order::Obstacle { cell, there } => {
@@ -98,19 +98,19 @@ impl Wire for Order {
             }
             Order::Instruct { number, instruction } => {
                 out.u32(*number);
-                instruction.encode(out);
+                instruction.put(out);
             }
             Order::Steer { steering, until } => {
-                steering.encode(out);
+                steering.put(out);
                 out.u64(until.0);
             }
-            Order::Tune(tuning) => tuning.encode(out),
+            Order::Tune(tuning) => tuning.put(out),
         }
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Order, WireError> {
         Ok(match kind {
             16 | 22 => {
-                let (task, wide) = (Task::decode(from)?, kind == 22);
+                let (task, wide) = (Task::take("task", from)?, kind == 22);
                 let (open, filled) = (SeedSet::decode(wide, from)?, SeedSet::decode(wide, from)?);
                 if is_wide(open, filled) != wide {
                     return Err(WireError::Field("seeds"));
@@ -118,11 +118,13 @@ impl Wire for Order {
                 Order::Seeds { task, open, filled }
             }
             18 => Order::Obstacle { cell: from.cell()?, there: from.bool("there")? },
-            17 => Order::Dead { id: ModuleId(from.u32()?), pose: Pose::decode(from)? },
+            17 => Order::Dead { id: ModuleId(from.u32()?), pose: Pose::take("pose", from)? },
             19 => Order::Alive { id: ModuleId(from.u32()?) },
-            20 => Order::Instruct { number: from.u32()?, instruction: Instruction::decode(from)? },
-            21 => Order::Steer { steering: Steering::decode(from)?, until: Time(from.u64()?) },
-            23 => Order::Tune(Tuning::decode(from)?),
+            20 => {
+                Order::Instruct { number: from.u32()?, instruction: Instruction::take("instruction", from)? }
+            }
+            21 => Order::Steer { steering: Steering::take("steering", from)?, until: Time(from.u64()?) },
+            23 => Order::Tune(Tuning::take("tuning", from)?),
             _ => return Err(WireError::Kind(kind)),
         })
     }
@@ -161,10 +163,10 @@ impl Wire for Status {
         if self.is_wide() { 17 } else { 16 }
     }
     fn encode(&self, out: &mut Encoder) {
-        self.pose.encode(out);
+        self.pose.put(out);
         out.u8(self.settled.unwrap_or(u8::MAX));
         out.u32(self.prevented);
-        out.u32(self.waits_for.map_or(u32::MAX, |id| id.0));
+        self.waits_for.put(out);
         self.unreachable.encode(self.is_wide(), out);
         out.bool(self.deadlocked);
         out.bool(self.busy);
@@ -174,14 +176,14 @@ impl Wire for Status {
         if !matches!(kind, 16 | 17) {
             return Err(WireError::Kind(kind));
         }
-        let pose = Pose::decode(from)?;
+        let pose = Pose::take("pose", from)?;
         let settled = match from.u8()? {
             u8::MAX => None,
             s if usize::from(s) < MAX_SEEDS => Some(s),
             _ => return Err(WireError::Field("settled")),
         };
         let prevented = from.u32()?;
-        let waits_for = Some(from.u32()?).filter(|id| *id != u32::MAX).map(ModuleId);
+        let waits_for = Field::take("waits_for", from)?;
         let unreachable = SeedSet::decode(kind == 17, from)?;
         let deadlocked = from.bool("deadlocked")?;
         let (busy, stuck) = (from.bool("busy")?, from.bool("stuck")?);

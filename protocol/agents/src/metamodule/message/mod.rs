@@ -15,7 +15,8 @@ use super::pose::{Load, Pose};
 use metamorph_core::coverage::CoveragePoint;
 use metamorph_core::ids::{ModuleId, Token};
 use metamorph_core::time::Span;
-use metamorph_core::wire::{Decoder, Encoder, Wire, WireError};
+use metamorph_core::wire::{Decoder, Encoder, Field, Wire, WireError};
+use metamorph_core::{choice, codes, fields};
 
 /// Where a metamodule is and what it knows; repeated, so that losing one costs only time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -51,9 +52,9 @@ impl State {
     fn encode(self, out: &mut Encoder) {
         out.u32(self.id.0);
         out.u32(self.sequence);
-        self.pose.encode(out);
+        self.pose.put(out);
         out.u8(u8::from(self.settled) | u8::from(self.stuck) << 1 | u8::from(self.blocked) << 2);
-        self.task.encode(out);
+        self.task.put(out);
         let wide = self.is_wide();
         self.filled.encode(wide, out);
         out.u8(self.claim.map_or(u8::MAX, |c| c.seed));
@@ -62,12 +63,12 @@ impl State {
     }
     fn decode(wide: bool, from: &mut Decoder<'_>) -> Result<State, WireError> {
         let (id, sequence) = (ModuleId(from.u32()?), from.u32()?);
-        let pose = Pose::decode(from)?;
+        let pose = Pose::take("pose", from)?;
         let flags = from.u8()?;
         if flags > 7 {
             return Err(WireError::Field("flags"));
         }
-        let (task, filled) = (Task::decode(from)?, SeedSet::decode(wide, from)?);
+        let (task, filled) = (Task::take("task", from)?, SeedSet::decode(wide, from)?);
         let claim = match (from.u8()?, from.u8()?) {
             (u8::MAX, 0) => None,
             (seed, cost) if usize::from(seed) < MAX_SEEDS => Some(Claim { seed, cost }),
@@ -116,6 +117,8 @@ impl Rank {
     }
 }
 
+fields!(Rank { 0 });
+
 /// The largest number of segments in a [`Path`].
 pub const LEGS: usize = 4;
 
@@ -127,6 +130,8 @@ pub struct Segment {
     /// All cells that the segment needs: those that the turns sweep, and those filled at the beginning.
     pub sweep: Sweep,
 }
+
+fields!(Segment { posture, sweep });
 
 /// The path that the sender intends to take; less important metamodules keep out of its cells. Empty if the sender
 /// intends to stay.
@@ -153,6 +158,32 @@ impl Path {
     }
 }
 
+impl Field for Path {
+    fn put(&self, out: &mut Encoder) {
+        self.id.put(out);
+        self.sequence.put(out);
+        self.rank.put(out);
+        self.from.put(out);
+        out.u8(self.segments().len() as u8);
+        self.segments().iter().for_each(|segment| segment.put(out));
+    }
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Path, WireError> {
+        let mut path = Path {
+            id: Field::take("id", from)?,
+            sequence: from.u32()?,
+            rank: Field::take("rank", from)?,
+            from: Field::take("from", from)?,
+            count: from.u8()?,
+            segments: [Segment::default(); LEGS],
+        };
+        let told = path.segments.get_mut(..usize::from(path.count)).ok_or(WireError::Field("legs"))?;
+        for segment in told {
+            *segment = Field::take("segment", from)?;
+        }
+        Ok(path)
+    }
+}
+
 /// What a coordinator orders, while the group makes no progress by itself (`negotiated` only).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Directive {
@@ -163,6 +194,8 @@ pub struct Directive {
     /// What is to be done.
     pub instruction: Instruction,
 }
+
+fields!(Directive { coordinator, sequence, instruction });
 
 /// What is to be done by all metamodules in range of a coordinator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -213,55 +246,16 @@ impl MoveEnd {
             (false, false) => MoveEnd::Rests,
         }
     }
-    fn decode(from: &mut Decoder<'_>) -> Result<MoveEnd, WireError> {
-        Ok(match from.u8()? {
-            0 => MoveEnd::Rests,
-            1 => MoveEnd::Lands,
-            2 => MoveEnd::Settles,
-            _ => return Err(WireError::Field("end")),
-        })
-    }
 }
 
-impl Instruction {
-    pub(super) fn encode(self, out: &mut Encoder) {
-        match self {
-            Instruction::Over => out.u8(0),
-            Instruction::Stay => out.u8(1),
-            Instruction::Move { mover, from, posture, end } => {
-                out.u8(2);
-                out.u32(mover.0);
-                from.encode(out);
-                out.u16(posture);
-                out.u8(end as u8);
-            }
-            Instruction::Handle { mover, from, load } => {
-                out.u8(3);
-                out.u32(mover.0);
-                from.encode(out);
-                load.encode(out);
-            }
-        }
-    }
-    pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Instruction, WireError> {
-        Ok(match from.u8()? {
-            0 => Instruction::Over,
-            1 => Instruction::Stay,
-            2 => Instruction::Move {
-                mover: ModuleId(from.u32()?),
-                from: Pose::decode(from)?,
-                posture: from.u16()?,
-                end: MoveEnd::decode(from)?,
-            },
-            3 => Instruction::Handle {
-                mover: ModuleId(from.u32()?),
-                from: Pose::decode(from)?,
-                load: Load::decode(from)?,
-            },
-            _ => return Err(WireError::Field("instruction")),
-        })
-    }
-}
+codes!(MoveEnd, "end" { Rests, Lands, Settles });
+
+choice!(Instruction, "instruction" {
+    0 => Over,
+    1 => Stay,
+    2 => Move { mover, from, posture, end },
+    3 => Handle { mover, from, load },
+});
 
 /// A question or an answer of a wave that finds out whether any metamodule can go on (see `detector`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -274,6 +268,25 @@ pub struct Probe {
     pub sequence: u32,
     /// The answer; `None` in a question.
     pub answer: Option<Counted>,
+}
+
+impl Field for Probe {
+    fn put(&self, out: &mut Encoder) {
+        self.initiator.put(out);
+        out.u32(self.wave);
+        out.u32(self.sequence);
+        out.bool(self.answer.is_some());
+        self.answer.unwrap_or_default().put(out);
+    }
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Probe, WireError> {
+        let (initiator, wave, sequence) = (ModuleId(from.u32()?), from.u32()?, from.u32()?);
+        let answers = from.bool("answer")?;
+        let counted = Counted::take("counted", from)?;
+        if !answers && counted != Counted::default() {
+            return Err(WireError::Field("counted"));
+        }
+        Ok(Probe { initiator, wave, sequence, answer: answers.then_some(counted) })
+    }
 }
 
 /// What a wave has counted.
@@ -294,6 +307,8 @@ impl Counted {
         }
     }
 }
+
+fields!(Counted { metamodules, stirs });
 
 /// Why a lock is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -322,17 +337,9 @@ impl Denial {
             Denial::Quarantined => CoveragePoint::MetaDeniedQuarantined,
         }
     }
-    fn decode(v: u8) -> Result<Option<Denial>, WireError> {
-        Ok(Some(match v {
-            0 => return Ok(None),
-            1 => Denial::Occupied,
-            2 => Denial::Held,
-            3 => Denial::Younger,
-            4 => Denial::Quarantined,
-            _ => return Err(WireError::Field("denial")),
-        }))
-    }
 }
+
+codes!(Denial or none, "denial" { Occupied, Held, Younger, Quarantined });
 
 /// What metamodules say to each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -383,15 +390,6 @@ pub enum Message {
     },
 }
 
-fn encode_sweep(out: &mut Encoder, sweep: Sweep) {
-    out.u64(sweep.0 as u64);
-    out.u64((sweep.0 >> 64) as u64);
-}
-
-fn decode_sweep(from: &mut Decoder<'_>) -> Result<Sweep, WireError> {
-    Ok(Sweep(u128::from(from.u64()?) | u128::from(from.u64()?) << 64))
-}
-
 impl Wire for Message {
     fn kind(&self) -> u8 {
         match self {
@@ -407,99 +405,35 @@ impl Wire for Message {
     }
     fn encode(&self, out: &mut Encoder) {
         match *self {
-            Message::State(s) => s.encode(out),
-            Message::Path(w) => {
-                out.u32(w.id.0);
-                out.u32(w.sequence);
-                out.u16(w.rank.0);
-                w.from.encode(out);
-                out.u8(w.segments().len() as u8);
-                for segment in w.segments() {
-                    out.u16(segment.posture);
-                    encode_sweep(out, segment.sweep);
-                }
+            Message::State(state) => state.encode(out),
+            Message::Path(path) => path.put(out),
+            Message::Probe(probe) => probe.put(out),
+            Message::Directive(directive) => directive.put(out),
+            Message::Request { origin, token, rank, age, pose, sweep, ends } => {
+                (origin, token, rank, age, pose, sweep, ends).put(out);
             }
-            Message::Probe(p) => {
-                out.u32(p.initiator.0);
-                out.u32(p.wave);
-                out.u32(p.sequence);
-                out.bool(p.answer.is_some());
-                let counted = p.answer.unwrap_or_default();
-                out.u16(counted.metamodules);
-                out.u32(counted.stirs);
-            }
-            Message::Directive(d) => {
-                out.u32(d.coordinator.0);
-                out.u32(d.sequence);
-                d.instruction.encode(out);
-            }
-            Message::Request { origin, token, rank, age, pose: p, sweep, ends } => {
-                out.u32(origin.0);
-                out.u32(token.0);
-                out.u16(rank.0);
-                out.u64(age.0);
-                p.encode(out);
-                encode_sweep(out, sweep);
-                out.u16(ends);
-            }
-            Message::Response { from, token, denial } => {
-                out.u32(from.0);
-                out.u32(token.0);
-                out.u8(denial.map_or(0, |d| d as u8));
-            }
-            Message::Release { origin, token, pose: p } => {
-                out.u32(origin.0);
-                out.u32(token.0);
-                p.encode(out);
-            }
+            Message::Response { from, token, denial } => (from, token, denial).put(out),
+            Message::Release { origin, token, pose } => (origin, token, pose).put(out),
         }
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Message, WireError> {
         Ok(match kind {
             16 | 23 => Message::State(State::decode(kind == 23, from)?),
-            17 => Message::Request {
-                origin: ModuleId(from.u32()?),
-                token: Token(from.u32()?),
-                rank: Rank(from.u16()?),
-                age: Span(from.u64()?),
-                pose: Pose::decode(from)?,
-                sweep: decode_sweep(from)?,
-                ends: from.u16()?,
-            },
-            20 => {
-                let (id, sequence, rank) = (ModuleId(from.u32()?), from.u32()?, Rank(from.u16()?));
-                let begins = Pose::decode(from)?;
-                let (count, mut segments) = (from.u8()?, [Segment::default(); LEGS]);
-                let told = segments.get_mut(..usize::from(count)).ok_or(WireError::Field("legs"))?;
-                for segment in told {
-                    *segment = Segment { posture: from.u16()?, sweep: decode_sweep(from)? };
-                }
-                Message::Path(Path { id, sequence, rank, from: begins, segments, count })
+            17 => {
+                let (origin, token, rank, age, pose, sweep, ends) = Field::take("request", from)?;
+                Message::Request { origin, token, rank, age, pose, sweep, ends }
             }
-            21 => {
-                let (initiator, wave, sequence) = (ModuleId(from.u32()?), from.u32()?, from.u32()?);
-                let answers = from.bool("answer")?;
-                let counted = Counted { metamodules: from.u16()?, stirs: from.u32()? };
-                if !answers && counted != Counted::default() {
-                    return Err(WireError::Field("counted"));
-                }
-                Message::Probe(Probe { initiator, wave, sequence, answer: answers.then_some(counted) })
+            18 => {
+                let (from, token, denial) = Field::take("response", from)?;
+                Message::Response { from, token, denial }
             }
-            22 => Message::Directive(Directive {
-                coordinator: ModuleId(from.u32()?),
-                sequence: from.u32()?,
-                instruction: Instruction::decode(from)?,
-            }),
-            18 => Message::Response {
-                from: ModuleId(from.u32()?),
-                token: Token(from.u32()?),
-                denial: Denial::decode(from.u8()?)?,
-            },
-            19 => Message::Release {
-                origin: ModuleId(from.u32()?),
-                token: Token(from.u32()?),
-                pose: Pose::decode(from)?,
-            },
+            19 => {
+                let (origin, token, pose) = Field::take("release", from)?;
+                Message::Release { origin, token, pose }
+            }
+            20 => Message::Path(Field::take("path", from)?),
+            21 => Message::Probe(Field::take("probe", from)?),
+            22 => Message::Directive(Field::take("directive", from)?),
             _ => return Err(WireError::Kind(kind)),
         })
     }

@@ -87,8 +87,8 @@ fn everything_survives_the_wire() {
     let rank = Rank::NONE;
     let (origin, token, sweep) = (ModuleId(7), Token(8), Sweep(1 << 127 | 5));
     round_trip(&Message::Request { origin, token, rank, age: Span(u64::MAX), pose: p, sweep, ends: 7 });
-    for d in 0..5 {
-        let denial = Denial::decode(d).unwrap();
+    let denials = [Denial::Occupied, Denial::Held, Denial::Younger, Denial::Quarantined].map(Some);
+    for denial in denials.into_iter().chain([None]) {
         round_trip(&Message::Response { from: origin, token, denial });
     }
     round_trip(&Message::Release { origin, token, pose: p });
