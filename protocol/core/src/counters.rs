@@ -3,6 +3,7 @@
 //! Every copy of a message has exactly one fate. So for every class, once a run has ended:
 //! `sent + duplicated = delivered + lost + overflowed + expired + refused + in flight`.
 
+use crate::names;
 use core::fmt;
 use core::ops::{AddAssign, Index, IndexMut};
 use serde::{Deserialize, Serialize};
@@ -27,33 +28,20 @@ pub enum Class {
     Gait = 6,
 }
 
-impl Class {
-    /// All classes in the order of their numbers.
-    pub const ALL: [Class; 7] = [
-        Class::Gradient,
-        Class::Seed,
-        Class::Connectivity,
-        Class::Negotiation,
-        Class::World,
-        Class::Liveness,
-        Class::Gait,
-    ];
+names!(Class {
+    Gradient => "gradient",
+    Seed => "seed",
+    Connectivity => "connectivity",
+    Negotiation => "negotiation",
+    World => "world",
+    Liveness => "liveness",
+    Gait => "gait",
+});
 
+impl Class {
     /// Returns the class with this number, if there is one.
     pub const fn from_index(index: u8) -> Option<Class> {
         if (index as usize) < Class::ALL.len() { Some(Class::ALL[index as usize]) } else { None }
-    }
-    /// Returns the name used in reports.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Class::Gradient => "gradient",
-            Class::Seed => "seed",
-            Class::Connectivity => "connectivity",
-            Class::Negotiation => "negotiation",
-            Class::World => "world",
-            Class::Liveness => "liveness",
-            Class::Gait => "gait",
-        }
     }
     /// Returns the index of the class in arrays of one entry per class.
     pub const fn index(self) -> usize {

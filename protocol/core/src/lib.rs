@@ -23,6 +23,7 @@ pub mod host;
 pub mod ids;
 pub mod lattice;
 pub mod link;
+mod names;
 pub mod ratio;
 pub mod record;
 pub mod rng;

@@ -1,6 +1,7 @@
 //! The five kinematic structures: a single module, and the four ways to join two of them.
 
 use super::KinematicsError;
+use metamorph_core::names;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
@@ -26,9 +27,9 @@ pub enum Kind {
     Srz = 4,
 }
 
+names!(Kind { Single => "single", Par => "PAR", Srs => "SRS", Per => "PER", Srz => "SRZ" });
+
 impl Kind {
-    /// All kinds.
-    pub const ALL: [Kind; 5] = [Kind::Single, Kind::Par, Kind::Srs, Kind::Per, Kind::Srz];
     /// The four metamodules.
     pub const METAMODULES: [Kind; 4] = [Kind::Par, Kind::Srs, Kind::Per, Kind::Srz];
 
@@ -63,16 +64,6 @@ impl Kind {
             Kind::Srs => Kind::Srz,
             Kind::Srz => Kind::Srs,
             other => other,
-        }
-    }
-    /// Returns the name as the thesis writes it.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Kind::Single => "single",
-            Kind::Par => "PAR",
-            Kind::Srs => "SRS",
-            Kind::Per => "PER",
-            Kind::Srz => "SRZ",
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Shapes of a metamodule on the lattice.
 
 use metamorph_core::lattice::{Cell, Face};
+use metamorph_core::names;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -21,10 +22,9 @@ pub enum Shape {
     Twisted = 4,
 }
 
-impl Shape {
-    /// All shapes in the order of their numbers.
-    pub const ALL: [Shape; 5] = [Shape::I, Shape::L, Shape::S, Shape::U, Shape::Twisted];
+names!(Shape { I => "I", L => "L", S => "S", U => "U", Twisted => "3D-S" });
 
+impl Shape {
     /// Returns the shape of three directions; `None` if the chain folds back onto itself.
     pub fn of(d: [Face; 3]) -> Option<Shape> {
         let bend = |a: Face, b: Face| a != b && a != b.opposite();
@@ -41,16 +41,6 @@ impl Shape {
     /// Returns the shape with this number, if there is one.
     pub fn from_index(index: u8) -> Option<Shape> {
         Shape::ALL.get(usize::from(index)).copied()
-    }
-    /// Its name.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Shape::I => "I",
-            Shape::L => "L",
-            Shape::S => "S",
-            Shape::U => "U",
-            Shape::Twisted => "3D-S",
-        }
     }
 }
 

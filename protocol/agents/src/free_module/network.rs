@@ -9,6 +9,7 @@ use super::limbs::{Partition, partition};
 use super::structure::{JOINTS, Joint, Structure};
 use super::symmetry::{Levels, groups};
 use metamorph_core::ids::ModuleId;
+use metamorph_core::names;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -28,20 +29,9 @@ pub enum NetworkKind {
     Sym,
 }
 
-impl NetworkKind {
-    /// All kinds, in the order of the thesis's table 7.2.
-    pub const ALL: [NetworkKind; 4] =
-        [NetworkKind::Fo, NetworkKind::Blf, NetworkKind::BlfSym, NetworkKind::Sym];
+names!(NetworkKind { Fo => "fo", Blf => "blf", BlfSym => "blf-sym", Sym => "sym" });
 
-    /// Returns the name used in files.
-    pub const fn name(self) -> &'static str {
-        match self {
-            NetworkKind::Fo => "fo",
-            NetworkKind::Blf => "blf",
-            NetworkKind::BlfSym => "blf-sym",
-            NetworkKind::Sym => "sym",
-        }
-    }
+impl NetworkKind {
     const fn is_reduced(self) -> bool {
         matches!(self, NetworkKind::Blf | NetworkKind::BlfSym)
     }
@@ -80,17 +70,7 @@ pub enum Role {
     Ankle,
 }
 
-impl Role {
-    /// Returns the name.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Role::Spine => "spine",
-            Role::Hip => "hip",
-            Role::Knee => "knee",
-            Role::Ankle => "ankle",
-        }
-    }
-}
+names!(Role { Spine => "spine", Hip => "hip", Knee => "knee", Ankle => "ankle" });
 
 /// The articulations of a limb.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]

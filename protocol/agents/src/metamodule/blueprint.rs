@@ -1,6 +1,7 @@
 //! What is to be built: seeds in levels (thesis 4.1.3), and the order in which they open.
 
 use metamorph_core::lattice::{Cell, Face};
+use metamorph_core::names;
 use metamorph_core::wire::{Decoder, Encoder, Field, WireError};
 use serde::{Deserialize, Serialize};
 use std::hash::{Hash, Hasher};
@@ -78,19 +79,7 @@ pub enum SeedOrder {
     AtOnce,
 }
 
-impl SeedOrder {
-    /// All three, as the thesis numbers them.
-    pub const ALL: [SeedOrder; 3] = [SeedOrder::Circular, SeedOrder::Crosswise, SeedOrder::AtOnce];
-
-    /// The name used in scenarios and reports.
-    pub const fn name(self) -> &'static str {
-        match self {
-            SeedOrder::Circular => "circular",
-            SeedOrder::Crosswise => "crosswise",
-            SeedOrder::AtOnce => "at-once",
-        }
-    }
-}
+names!(SeedOrder { Circular => "circular", Crosswise => "crosswise", AtOnce => "at-once" });
 
 /// A set of seeds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, Default)]

@@ -1,6 +1,7 @@
 //! Parameters of the metamodule protocol: strategies, the force field, times.
 
 use metamorph_core::defects::Defect;
+use metamorph_core::names;
 use metamorph_core::time::Span;
 use serde::{Deserialize, Serialize};
 
@@ -23,31 +24,25 @@ pub enum Strategy {
     Planned,
 }
 
+names!(Strategy {
+    Greedy => "greedy",
+    Slope => "slope",
+    Step => "step",
+    Negotiated => "negotiated",
+    Planned => "planned",
+});
+
 impl Strategy {
     /// The three of the thesis.
     pub const PUBLISHED: [Strategy; 3] = [Strategy::Greedy, Strategy::Slope, Strategy::Step];
     /// The strategies under which each metamodule decides for itself.
     pub const DISTRIBUTED: [Strategy; 4] =
         [Strategy::Greedy, Strategy::Slope, Strategy::Step, Strategy::Negotiated];
-    /// All of them.
-    pub const ALL: [Strategy; 5] =
-        [Strategy::Greedy, Strategy::Slope, Strategy::Step, Strategy::Negotiated, Strategy::Planned];
-
     /// Whether it is one of the three of the thesis: a force field, which has local minima.
     pub const fn is_published(self) -> bool {
         matches!(self, Strategy::Greedy | Strategy::Slope | Strategy::Step)
     }
 
-    /// The name used in scenarios and reports.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Strategy::Greedy => "greedy",
-            Strategy::Slope => "slope",
-            Strategy::Step => "step",
-            Strategy::Negotiated => "negotiated",
-            Strategy::Planned => "planned",
-        }
-    }
     /// Returns the repulsion under this strategy. The thesis gives no numbers; these are our own choice.
     pub const fn repulsion(self) -> Repulsion {
         match self {
@@ -88,18 +83,7 @@ pub enum PrecedenceBy {
     Id,
 }
 
-impl PrecedenceBy {
-    /// All of them.
-    pub const ALL: [PrecedenceBy; 2] = [PrecedenceBy::SeedDistance, PrecedenceBy::Id];
-
-    /// The name used in scenarios.
-    pub const fn name(self) -> &'static str {
-        match self {
-            PrecedenceBy::SeedDistance => "seed-distance",
-            PrecedenceBy::Id => "id",
-        }
-    }
-}
+names!(PrecedenceBy { SeedDistance => "seed-distance", Id => "id" });
 
 /// How strongly a neighbour at distance r pushes: `strength · (1 − decay · r / range)` within the
 /// range, in thousandths of the attraction.

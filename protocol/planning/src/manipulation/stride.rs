@@ -5,6 +5,7 @@
 
 use crate::plan::search::{Method, Search};
 use crate::plan::{Cost, Limits as SearchLimits, Outcome, Space, Step};
+use metamorph_core::names;
 use metamorph_roombots::database::Table;
 use metamorph_roombots::grid::GridState;
 use metamorph_roombots::posture::{Posture, is_middle};
@@ -27,21 +28,15 @@ pub enum Estimate {
     Exact,
 }
 
-impl Estimate {
-    /// All estimates.
-    pub const ALL: [Estimate; 5] =
-        [Estimate::None, Estimate::Worst, Estimate::Printed, Estimate::Reasonable, Estimate::Exact];
+names!(Estimate {
+    None => "none",
+    Worst => "worst",
+    Printed => "printed",
+    Reasonable => "reasonable",
+    Exact => "exact",
+});
 
-    /// Returns the name.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Estimate::None => "none",
-            Estimate::Worst => "worst",
-            Estimate::Printed => "printed",
-            Estimate::Reasonable => "reasonable",
-            Estimate::Exact => "exact",
-        }
-    }
+impl Estimate {
     fn of(self, torque: &Torque) -> f64 {
         match self {
             Estimate::None => 0.0,

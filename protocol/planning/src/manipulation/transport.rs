@@ -18,6 +18,7 @@ use super::walking::{Body, Ground, Motion, Stand};
 use crate::plan::search::{Method, Search};
 use crate::plan::{Cost, Limits, Outcome, Space, Step, actions};
 use metamorph_core::lattice::Cell;
+use metamorph_core::names;
 use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 use std::ops::Range;
 
@@ -41,18 +42,13 @@ pub enum Reason {
     NoWalk,
 }
 
-impl Reason {
-    /// Returns the name in reports.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Reason::Colour => "colour",
-            Reason::NoGrip => "no-grip",
-            Reason::NoPlace => "no-place",
-            Reason::NoTransfer => "no-transfer",
-            Reason::NoWalk => "no-walk",
-        }
-    }
-}
+names!(Reason {
+    Colour => "colour",
+    NoGrip => "no-grip",
+    NoPlace => "no-place",
+    NoTransfer => "no-transfer",
+    NoWalk => "no-walk",
+});
 
 /// A plan that was carried out with all bodies.
 #[derive(Clone, Debug, PartialEq, Eq)]
