@@ -10,6 +10,8 @@ mod global_plan;
 pub mod invariants;
 pub mod reachability;
 pub mod reasons;
+#[cfg(test)]
+mod recording_tests;
 pub mod registrar;
 mod sequential_plan;
 pub mod world;

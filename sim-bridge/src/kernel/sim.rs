@@ -20,6 +20,7 @@ use crate::kernel::state::States;
 use crate::kernel::trace::Trace;
 use crate::world::invariants::SESSION_CURRENT;
 use crate::world::invariants::{self, Violation};
+use audit::Findings;
 use bodies::{BodyMessage, ControlStreams, HostStreams, Posted};
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::counters::{Class, Tally};
@@ -44,9 +45,6 @@ const INBOX: usize = 32;
 const AT_HAND: usize = 16;
 /// Largest number of lines of the cache that are read ahead for the links of one module.
 const LINES: usize = 12;
-/// The largest number of violations kept; a broken protocol makes many, and the first ones suffice for a
-/// diagnosis.
-const MAX_VIOLATIONS: usize = 100;
 
 /// The configuration of a simulated run, besides its world and its director.
 pub struct SimConfig<A: Agent> {
@@ -106,9 +104,7 @@ pub struct Sim<W: Audited, D: DirectorPort<W>> {
     body_messages: u64,
     trace: Trace,
     states: States,
-    violations: Vec<Violation>,
-    broken: u64,
-    checked: u64,
+    findings: Findings,
     next_audit: Time,
     /// The instant of the latest input to an agent, and how many there have been at it.
     instant: (Time, u64),
@@ -161,9 +157,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             body_messages: 0,
             trace: Trace::default(),
             states,
-            violations: Vec::new(),
-            broken: 0,
-            checked: 0,
+            findings: Findings::default(),
             instant: (Time::ZERO, 0),
             finished: false,
             audited: false,
@@ -208,11 +202,11 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
     }
     /// Returns the first violations, at most a hundred, and their total number.
     pub fn violations(&self) -> (&[Violation], u64) {
-        (&self.violations, self.broken)
+        self.findings.violations()
     }
     /// Returns how often an invariant was checked.
     pub fn checked(&self) -> u64 {
-        self.checked
+        self.findings.checked
     }
 
     /// Runs until the director finishes the run, no event is left, or `until` has come. Returns true if the
@@ -357,9 +351,9 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             self.tally[class].expired += 1;
             return;
         }
-        self.checked += 1;
+        self.findings.checked += 1;
         if let Err(what) = invariants::session_current(session, current) {
-            self.note(Violation { invariant: SESSION_CURRENT, at: self.now, what });
+            self.findings.note(Violation { invariant: SESSION_CURRENT, at: self.now, what });
         }
         self.tally[class].delivered += 1;
         self.trace.event(self.now, 1, to.0, u64::from(session.0) << 8 | u64::from(message.kind()));
@@ -399,10 +393,10 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         }
         self.plan_wake(id);
         self.count_input();
-        self.checked += 1;
+        self.findings.checked += 1;
         let (agents, mut found) = (Agents::of(&self.modules), Vec::new());
         self.world.audit_agent(self.now, id, &agents, &mut found);
-        found.into_iter().for_each(|v| self.note(v));
+        found.into_iter().for_each(|v| self.findings.note(v));
     }
 
     fn plan_wake(&mut self, id: ModuleId) {
@@ -448,7 +442,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         let mut bodies_moved = false;
         while self.time_passes().is_ok() {
             let found = self.world.take_violations();
-            found.into_iter().for_each(|v| self.note(v));
+            found.into_iter().for_each(|v| self.findings.note(v));
             if let Some((id, sensed)) = self.world.poll() {
                 bodies_moved |= matches!(sensed, Sensed::Percept(_));
                 self.pass(id, BodyMessage::Sensed(sensed));

@@ -1,12 +1,40 @@
 //! What a simulated run checks of itself, and the hashes by which two runs are compared.
 
-use super::{MAX_VIOLATIONS, Sim};
+use super::Sim;
 use crate::director::port::DirectorPort;
 use crate::kernel::audited::{Agents, Audited};
 use crate::kernel::sim::module::Waiting;
 use crate::kernel::state::{self, Hashes, Held};
 use crate::world::invariants::{self, MESSAGES_BALANCE, TIME_PASSES, Violation};
 use metamorph_protocol::host::AgentHost;
+
+/// The largest number of violations kept; a broken protocol makes many, and the first ones suffice for a
+/// diagnosis.
+const MAX_VIOLATIONS: usize = 100;
+
+/// The result of all checks of a run.
+#[derive(Default)]
+pub(super) struct Findings {
+    /// The first violations.
+    violations: Vec<Violation>,
+    /// The number of all violations.
+    broken: u64,
+    /// The number of checks.
+    pub checked: u64,
+}
+
+impl Findings {
+    pub fn note(&mut self, violation: Violation) {
+        self.broken += 1;
+        if self.violations.len() < MAX_VIOLATIONS {
+            self.violations.push(violation);
+        }
+    }
+    /// Returns the first violations, and the number of all.
+    pub fn violations(&self) -> (&[Violation], u64) {
+        (&self.violations, self.broken)
+    }
+}
 
 impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
     /// Counts the inputs of an instant, and ends a run in which time does not advance: it would never end by itself.
@@ -17,7 +45,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             return;
         }
         if let Err(what) = self.time_passes() {
-            self.note(Violation { invariant: TIME_PASSES, at: self.now, what });
+            self.findings.note(Violation { invariant: TIME_PASSES, at: self.now, what });
             self.finished = true;
         }
     }
@@ -26,22 +54,15 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         invariants::time_passes(self.instant.1, self.modules.len())
     }
 
-    pub(super) fn note(&mut self, violation: Violation) {
-        self.broken += 1;
-        if self.violations.len() < MAX_VIOLATIONS {
-            self.violations.push(violation);
-        }
-    }
-
     pub(super) fn audit_all(&mut self) {
-        self.checked += 1;
+        self.findings.checked += 1;
         let (agents, mut found) = (Agents::of(&self.modules), Vec::new());
         self.world.audit_all(self.now, &agents, &mut found);
         found.extend(self.world.take_violations());
         if let Err(what) = invariants::messages_balance(&self.tally, &self.under_way()) {
             found.push(Violation { invariant: MESSAGES_BALANCE, at: self.now, what });
         }
-        found.into_iter().for_each(|v| self.note(v));
+        found.into_iter().for_each(|v| self.findings.note(v));
     }
 
     /// Returns the number of messages of each class that are under way, or unread at a stopped module.

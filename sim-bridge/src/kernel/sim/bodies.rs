@@ -203,10 +203,10 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         self.body_messages += 1;
         self.trace.event(self.now, 2, id.0, u64::from(action.kind()));
         self.world.act(self.now, id, revision, action);
-        self.checked += 1;
+        self.findings.checked += 1;
         let (agents, mut found) = (Agents::of(&self.modules), Vec::new());
         self.world.audit_action(self.now, id, &agents, &mut found);
-        found.into_iter().for_each(|v| self.note(v));
+        found.into_iter().for_each(|v| self.findings.note(v));
     }
 
     pub(super) fn order(&mut self, id: ModuleId, order: <W::Agent as Agent>::Order) {
