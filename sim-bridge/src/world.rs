@@ -3,6 +3,7 @@
 //! A world is ground truth. Agents never read it; drivers carry actions to it and percepts back. There is one
 //! implementation per family; the runtime does not depend on the family.
 
+pub(crate) mod body_queue;
 pub mod grid;
 pub mod invariants;
 
@@ -10,8 +11,6 @@ use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
 use metamorph_protocol::runtime::Sensed;
 use metamorph_protocol::time::Time;
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
 use std::hash::Hasher;
 
 /// A simulated world with the bodies in it.
@@ -52,12 +51,4 @@ pub trait World {
 
     /// Returns what bodies sensed, in order.
     fn poll(&mut self) -> Option<(ModuleId, Sensed<<Self::Agent as Agent>::Percept>)>;
-}
-
-/// Returns the pending events in the order in which they end, for comparing worlds independently of the
-/// layout of the heap.
-pub(crate) fn due(heap: &BinaryHeap<Reverse<(Time, u64, ModuleId)>>) -> Vec<(Time, ModuleId)> {
-    let mut all: Vec<_> = heap.iter().map(|Reverse(due)| *due).collect();
-    all.sort_unstable();
-    all.into_iter().map(|(at, _, id)| (at, id)).collect()
 }

@@ -8,21 +8,19 @@ mod safety;
 
 use crate::cube::audit::AuditKey;
 use crate::cube::custody_audit::Announced;
+use crate::world::World;
+use crate::world::body_queue::{BodyQueue, Ports};
 use crate::world::grid::{Grid, Occupant};
 use crate::world::invariants::ONE_MODULE_PER_CELL;
-use crate::world::invariants::{Invariant, Violation};
-use crate::world::{World, due};
+use crate::world::invariants::Violation;
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::cube::body::{Move, Percept, Refusal};
 use metamorph_protocol::digest::Portable;
-use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision};
 use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
 use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::rng::Rng;
 use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::{Span, Time};
-use std::cmp::Reverse;
-use std::collections::{BinaryHeap, VecDeque};
 use std::hash::{Hash, Hasher};
 
 /// A move under way.
@@ -35,9 +33,7 @@ struct UnderWay {
 #[derive(Clone, Debug, Hash)]
 struct Body {
     cell: Cell,
-    incarnation: Incarnation,
-    revision: Revision,
-    contacts: [Option<Contact>; 6],
+    ports: Ports<[Option<Contact>; 6]>,
     under_way: Option<UnderWay>,
     stuck: bool,
 }
@@ -64,15 +60,9 @@ pub struct MotionCounts {
 pub struct CubeWorld {
     grid: Grid,
     bodies: Vec<Body>,
-    due: BinaryHeap<Reverse<(Time, u64, ModuleId)>>,
-    order: u64,
-    sensed: VecDeque<(ModuleId, Sensed<Percept>)>,
-    sessions: u32,
+    pub(super) queue: BodyQueue<Percept>,
     move_time: Span,
-    failure: Ratio,
-    joints: Rng,
     motions: MotionCounts,
-    violations: Vec<Violation>,
     /// For each module, its audit key when it was last audited and found sound.
     audited: Vec<Option<AuditKey>>,
     pub(super) announced: Announced,
@@ -89,15 +79,9 @@ impl CubeWorld {
         let mut world = CubeWorld {
             grid: Grid::default(),
             bodies: Vec::with_capacity(cells.len()),
-            due: BinaryHeap::new(),
-            order: 0,
-            sensed: VecDeque::new(),
-            sessions: 0,
+            queue: BodyQueue::new(seed),
             move_time,
-            failure: Ratio::ZERO,
-            joints: Rng::named(seed, "joints", 0),
             motions: MotionCounts::default(),
-            violations: Vec::new(),
             audited: vec![None; cells.len()],
             announced: Announced::default(),
             marks: vec![(0, 0); cells.len()],
@@ -106,14 +90,12 @@ impl CubeWorld {
         for (i, cell) in cells.iter().enumerate() {
             let id = ModuleId(i as u32);
             if let Some(other) = world.grid.body(*cell) {
-                world.violate(ONE_MODULE_PER_CELL, Time::ZERO, format!("{other} and {id} at {cell}"));
+                world.queue.violate(ONE_MODULE_PER_CELL, Time::ZERO, format!("{other} and {id} at {cell}"));
             }
             world.grid.set(*cell, Some(Occupant::Body(id)));
             world.bodies.push(Body {
                 cell: *cell,
-                incarnation: Incarnation(0),
-                revision: Revision(0),
-                contacts: [None; 6],
+                ports: Ports::new([None; 6]),
                 under_way: None,
                 stuck: false,
             });
@@ -126,7 +108,7 @@ impl CubeWorld {
 
     /// Sets the probability with which each later move fails (a failed connection).
     pub fn set_failure(&mut self, p: Ratio) {
-        self.failure = p;
+        self.queue.set_failure(p);
     }
     /// Returns true if the joint of a module sticks.
     pub fn is_stuck(&self, id: ModuleId) -> bool {
@@ -174,16 +156,16 @@ impl CubeWorld {
     }
     /// Returns the contact on a face of a module.
     pub fn contact(&self, id: ModuleId, face: Face) -> Option<Contact> {
-        self.bodies[id.index()].contacts[face.index()]
+        self.bodies[id.index()].ports.contacts[face.index()]
     }
     /// Returns the invariants broken since the last call.
     pub fn take_violations(&mut self) -> Vec<Violation> {
-        std::mem::take(&mut self.violations)
+        self.queue.take_violations()
     }
 
     /// Returns how often the contacts of a module have changed.
     pub(super) fn revision(&self, id: ModuleId) -> Revision {
-        self.bodies[id.index()].revision
+        self.bodies[id.index()].ports.revision
     }
     /// Returns true if a module was like this when it was audited last, and found sound.
     pub(super) fn is_audited(&self, id: ModuleId, key: &AuditKey) -> bool {
@@ -198,18 +180,9 @@ impl CubeWorld {
         self.audited[id.index()] = None;
     }
 
-    fn violate(&mut self, invariant: Invariant, at: Time, what: String) {
-        self.violations.push(Violation { invariant, at, what });
-    }
-
     fn set_contact(&mut self, id: ModuleId, face: Face, contact: Option<Contact>, tell: bool) {
-        let body = &mut self.bodies[id.index()];
-        body.contacts[face.index()] = contact;
-        body.revision.0 += 1;
-        let revision = body.revision;
-        if tell {
-            self.sensed.push_back((id, Sensed::Contact { port: Port(face as u8), revision, contact }));
-        }
+        let ports = &mut self.bodies[id.index()].ports;
+        self.queue.set_contact((id, ports), Port(face as u8), contact, tell);
     }
 
     /// Opens a new session on every face of a module that touches another.
@@ -220,16 +193,9 @@ impl CubeWorld {
             if !tell && peer > id {
                 continue; // At the start each pair meets once.
             }
-            self.sessions += 1;
-            let session = Session(self.sessions);
-            let end = |of: &Body, peer, peer_port: Face| Contact {
-                session,
-                peer,
-                peer_incarnation: of.incarnation,
-                peer_port: Port(peer_port as u8),
-            };
-            let mine = end(&self.bodies[peer.index()], peer, face.opposite());
-            let theirs = end(&self.bodies[id.index()], id, face);
+            let session = self.queue.open_session();
+            let end = |of: ModuleId, at: Face| self.bodies[of.index()].ports.end(session, of, Port(at as u8));
+            let (mine, theirs) = (end(peer, face.opposite()), end(id, face));
             self.set_contact(id, face, Some(mine), tell);
             self.set_contact(peer, face.opposite(), Some(theirs), tell);
         }
@@ -242,7 +208,7 @@ impl CubeWorld {
             Refusal::Stale => self.motions.stale += 1,
             Refusal::Moving => {}
         }
-        self.sensed.push_back((id, Sensed::Percept(Percept::Refused(why))));
+        self.queue.perceive(id, Percept::Refused(why));
     }
 
     fn is_possible(&self, from: Cell, motion: Motion) -> bool {
@@ -258,15 +224,14 @@ impl CubeWorld {
 
     fn begin(&mut self, now: Time, id: ModuleId, motion: Motion) {
         let from = self.bodies[id.index()].cell;
-        let fails = self.bodies[id.index()].stuck | self.joints.chance(self.failure);
+        let fails = self.bodies[id.index()].stuck | self.queue.draw_failure();
         self.bodies[id.index()].under_way = Some(UnderWay { motion, fails });
         self.grid.set(motion.destination(from), Some(Occupant::Path(id)));
         if let Some(corner) = motion.corner(from) {
             self.grid.set(corner, Some(Occupant::Path(id)));
         }
         self.motions.started += 1;
-        self.order += 1;
-        self.due.push(Reverse((now + self.move_time, self.order, id)));
+        self.queue.begin(now + self.move_time, id);
         self.check_departure(now, id);
     }
 
@@ -282,14 +247,14 @@ impl CubeWorld {
             self.grid.set(to, None);
             self.check_arrival(now, id, motion.support);
             self.motions.failed += 1;
-            self.sensed.push_back((id, Sensed::Percept(Percept::Failed)));
+            self.queue.perceive(id, Percept::Failed);
             return;
         }
         self.grid.set(from, None);
         self.grid.set(to, Some(Occupant::Body(id)));
         self.motions.completed += 1;
         self.bodies[id.index()].cell = to;
-        self.sensed.push_back((id, Sensed::Percept(Percept::Arrived(to))));
+        self.queue.perceive(id, Percept::Arrived(to));
         for face in Face::ALL {
             let Some(contact) = self.contact(id, face) else { continue };
             self.set_contact(id, face, None, true);
@@ -306,8 +271,7 @@ impl CubeWorld {
 impl Hash for CubeWorld {
     fn hash<H: Hasher>(&self, state: &mut H) {
         self.bodies.hash(state);
-        due(&self.due).hash(state);
-        (self.sessions, &self.joints, &self.announced).hash(state);
+        (&self.queue, &self.announced).hash(state);
     }
 }
 
@@ -325,16 +289,7 @@ impl World for CubeWorld {
     fn start(&mut self, _now: Time, id: ModuleId, incarnation: Incarnation) {
         self.forget_audit(id);
         self.forget_announced(id);
-        let before = std::mem::replace(&mut self.bodies[id.index()].incarnation, incarnation);
-        if before == incarnation {
-            // First incarnation: the sessions are as old as the contacts, only this module must hear of them.
-            let body = &self.bodies[id.index()];
-            let revision = body.revision;
-            for (i, contact) in body.contacts.iter().enumerate().filter(|(_, c)| c.is_some()) {
-                let sensed = Sensed::Contact { port: Port(i as u8), revision, contact: *contact };
-                self.sensed.push_back((id, sensed));
-            }
-        } else {
+        if self.queue.start((id, &mut self.bodies[id.index()].ports), incarnation) {
             self.touch_neighbours(id, true);
         }
     }
@@ -344,7 +299,7 @@ impl World for CubeWorld {
         if body.under_way.is_some() {
             return self.refuse(id, Refusal::Moving);
         }
-        if sensed != body.revision {
+        if sensed != body.ports.revision {
             return self.refuse(id, Refusal::Stale);
         }
         if now > action.not_after {
@@ -357,15 +312,11 @@ impl World for CubeWorld {
     }
 
     fn next_event(&self) -> Time {
-        self.due.peek().map_or(Time::NEVER, |Reverse((at, _, _))| *at)
+        self.queue.next_end()
     }
 
     fn advance(&mut self, now: Time) {
-        while let Some(Reverse((at, _, id))) = self.due.peek().copied() {
-            if at > now {
-                break;
-            }
-            self.due.pop();
+        while let Some((at, id)) = self.queue.pop(now) {
             self.complete(at, id);
         }
     }
@@ -373,14 +324,14 @@ impl World for CubeWorld {
     fn digest(&self, hasher: &mut dyn Hasher) {
         let mut hasher = Portable::new(hasher);
         for body in &self.bodies {
-            let Body { cell, incarnation, revision, contacts, under_way, stuck } = body;
-            (cell, incarnation, revision, contacts, stuck).hash(&mut hasher);
+            let Body { cell, ports, under_way, stuck } = body;
+            (cell, ports, stuck).hash(&mut hasher);
             under_way.map(|UnderWay { motion, fails }| (motion, fails)).hash(&mut hasher);
         }
-        (due(&self.due), self.sessions, &self.joints).hash(&mut hasher);
+        self.queue.hash(&mut hasher);
     }
 
     fn poll(&mut self) -> Option<(ModuleId, Sensed<Percept>)> {
-        self.sensed.pop_front()
+        self.queue.poll()
     }
 }

@@ -12,16 +12,17 @@ mod elements;
 mod safety;
 
 use crate::metamodule::invariants::{LINK_FOR_EACH_IN_RANGE, link_for_each_in_range};
+use crate::world::World;
+use crate::world::body_queue::{BodyQueue, Ports};
 use crate::world::grid::{Grid, Occupant};
-use crate::world::invariants::{Invariant, Violation};
-use crate::world::{World, due};
+use crate::world::invariants::Violation;
 use elements::ElementBody;
 
 pub use counts::ActionCounts;
 pub use drops::Drop;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::digest::Portable;
-use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::metamodule::message::{Action, BodyAction, Percept, Refusal};
@@ -29,11 +30,9 @@ use metamorph_protocol::metamodule::motions::Sweep;
 use metamorph_protocol::metamodule::params::Setup;
 use metamorph_protocol::metamodule::pose::{Load, Pose};
 use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::rng::Rng;
 use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::Time;
-use std::cmp::Reverse;
-use std::collections::{BTreeSet, BinaryHeap, VecDeque};
+use std::collections::BTreeSet;
 use std::hash::{Hash, Hasher};
 use std::sync::Arc;
 
@@ -56,10 +55,8 @@ struct Body {
     /// For the foot and the head, true if that end grips.
     grips: [bool; 2],
     cells: [Cell; 4],
-    incarnation: Incarnation,
-    revision: Revision,
-    /// By port; grows with the highest port in use.
-    contacts: Vec<Option<Contact>>,
+    /// Contacts grow with the highest port in use.
+    ports: Ports<Vec<Option<Contact>>>,
     under_way: Option<UnderWay>,
     stuck: bool,
 }
@@ -70,9 +67,10 @@ impl Body {
     }
     /// Returns the first port without a contact, if there is one.
     fn free_port(&mut self) -> Option<Port> {
-        let port = self.contacts.iter().position(Option::is_none).unwrap_or(self.contacts.len());
-        if port == self.contacts.len() && port < Metamodule::PORTS {
-            self.contacts.push(None);
+        let contacts = &mut self.ports.contacts;
+        let port = contacts.iter().position(Option::is_none).unwrap_or(contacts.len());
+        if port == contacts.len() && port < Metamodule::PORTS {
+            contacts.push(None);
         }
         (port < Metamodule::PORTS).then_some(Port(port as u8))
     }
@@ -89,14 +87,8 @@ pub struct MetamoduleWorld {
     /// The body that is in a cell, or may be in it during its action: the record of the safety checks, which
     /// the interlock does not read.
     claims: Grid,
-    due: BinaryHeap<Reverse<(Time, u64, ModuleId)>>,
-    order: u64,
-    sensed: VecDeque<(ModuleId, Sensed<Percept>)>,
-    sessions: u32,
-    failure: Ratio,
-    joints: Rng,
+    queue: BodyQueue<Percept>,
     action_counts: ActionCounts,
-    violations: Vec<Violation>,
 }
 
 impl MetamoduleWorld {
@@ -106,9 +98,7 @@ impl MetamoduleWorld {
             pose: *pose,
             grips: [pose.both; 2],
             cells: setup.motions.cells(*pose),
-            incarnation: Incarnation(0),
-            revision: Revision(0),
-            contacts: vec![None; FEWEST_PORTS],
+            ports: Ports::new(vec![None; FEWEST_PORTS]),
             under_way: None,
             stuck: false,
         };
@@ -118,14 +108,8 @@ impl MetamoduleWorld {
             setup,
             obstacles: BTreeSet::new(),
             claims: Grid::default(),
-            due: BinaryHeap::new(),
-            order: 0,
-            sensed: VecDeque::new(),
-            sessions: 0,
-            failure: Ratio::ZERO,
-            joints: Rng::named(seed, "joints", 0),
+            queue: BodyQueue::new(seed),
             action_counts: ActionCounts::default(),
-            violations: Vec::new(),
         };
         for id in (0..poses.len() as u32).map(ModuleId) {
             let body = &mut world.bodies[id.index()];
@@ -139,7 +123,7 @@ impl MetamoduleWorld {
 
     /// Sets the probability with which each later connection fails.
     pub fn set_failure(&mut self, p: Ratio) {
-        self.failure = p;
+        self.queue.set_failure(p);
     }
     /// Returns true if the joints of a metamodule are stuck.
     pub fn is_stuck(&self, id: ModuleId) -> bool {
@@ -184,7 +168,7 @@ impl MetamoduleWorld {
     }
     /// Returns when the current action of a body ends, if it acts.
     pub fn acting_until(&self, id: ModuleId) -> Option<Time> {
-        self.due.iter().find(|Reverse((_, _, of))| *of == id).map(|Reverse((at, _, _))| *at)
+        self.queue.acting_until(id)
     }
     /// Returns true if a body is acting.
     pub fn is_acting(&self, id: ModuleId) -> bool {
@@ -196,25 +180,15 @@ impl MetamoduleWorld {
     }
     /// Returns the invariants broken since the last call.
     pub fn take_violations(&mut self) -> Vec<Violation> {
-        std::mem::take(&mut self.violations)
-    }
-
-    fn violate(&mut self, invariant: Invariant, at: Time, what: String) {
-        self.violations.push(Violation { invariant, at, what });
+        self.queue.take_violations()
     }
 
     fn set_contact(&mut self, id: ModuleId, port: Port, contact: Option<Contact>, tell: bool) {
-        let body = &mut self.bodies[id.index()];
-        body.contacts[port.index()] = contact;
-        body.revision.0 += 1;
-        let revision = body.revision;
-        if tell {
-            self.sensed.push_back((id, Sensed::Contact { port, revision, contact }));
-        }
+        self.queue.set_contact((id, &mut self.bodies[id.index()].ports), port, contact, tell);
     }
 
     fn link(&self, id: ModuleId, peer: ModuleId) -> Option<Contact> {
-        self.bodies[id.index()].contacts.iter().flatten().find(|c| c.peer == peer).copied()
+        self.bodies[id.index()].ports.contacts.iter().flatten().find(|c| c.peer == peer).copied()
     }
 
     fn disconnect(&mut self, id: ModuleId, contact: Contact, tell: bool) {
@@ -243,18 +217,11 @@ impl MetamoduleWorld {
         let (mine, theirs) = (self.bodies[id.index()].free_port(), self.bodies[peer.index()].free_port());
         let (mine, theirs) = match link_for_each_in_range(id, peer, mine.zip(theirs)) {
             Ok(ports) => ports,
-            Err(what) => return self.violate(LINK_FOR_EACH_IN_RANGE, now, what),
+            Err(what) => return self.queue.violate(LINK_FOR_EACH_IN_RANGE, now, what),
         };
-        self.sessions += 1;
-        let session = Session(self.sessions);
-        let end = |of: &Body, peer, peer_port| Contact {
-            session,
-            peer,
-            peer_incarnation: of.incarnation,
-            peer_port,
-        };
-        let to_me = end(&self.bodies[peer.index()], peer, theirs);
-        let to_them = end(&self.bodies[id.index()], id, mine);
+        let session = self.queue.open_session();
+        let end = |of: ModuleId, port| self.bodies[of.index()].ports.end(session, of, port);
+        let (to_me, to_them) = (end(peer, theirs), end(id, mine));
         self.set_contact(id, mine, Some(to_me), tell);
         self.set_contact(peer, theirs, Some(to_them), tell);
     }
@@ -266,7 +233,7 @@ impl MetamoduleWorld {
             Refusal::Stale => self.action_counts.stale += 1,
             Refusal::Busy | Refusal::Impossible => self.action_counts.impossible += 1,
         }
-        self.sensed.push_back((id, Sensed::Percept(Percept::Refused(why))));
+        self.queue.perceive(id, Percept::Refused(why));
     }
 
     /// Returns the pose that an action leads to and the cells that it needs, if the body is able to do it.
@@ -313,7 +280,7 @@ impl MetamoduleWorld {
         if fails {
             self.check_end(now, id, &claimed);
             self.action_counts.failed += 1;
-            self.sensed.push_back((id, Sensed::Percept(Percept::Failed)));
+            self.queue.perceive(id, Percept::Failed);
             return;
         }
         match body_action {
@@ -342,7 +309,7 @@ impl MetamoduleWorld {
         if matches!(body_action, BodyAction::Grip(_)) {
             self.note_under_way();
         }
-        self.sensed.push_back((id, Sensed::Percept(Percept::Done(to))));
+        self.queue.perceive(id, Percept::Done(to));
         self.check_end(now, id, &claimed);
         if body_action == BodyAction::Detach {
             self.hear(now, id, true);
@@ -355,8 +322,7 @@ impl Hash for MetamoduleWorld {
     fn hash<H: Hasher>(&self, state: &mut H) {
         (&self.bodies, &self.obstacles).hash(state);
         self.elements.iter().for_each(|element| element.hash(state));
-        due(&self.due).hash(state);
-        (self.sessions, &self.joints).hash(state);
+        self.queue.hash(state);
     }
 }
 
@@ -372,17 +338,9 @@ impl World for MetamoduleWorld {
     }
 
     fn start(&mut self, now: Time, id: ModuleId, incarnation: Incarnation) {
-        let before = std::mem::replace(&mut self.bodies[id.index()].incarnation, incarnation);
-        let body = &self.bodies[id.index()];
-        let contacts = body.contacts.clone();
-        if before == incarnation {
-            // First incarnation: the sessions are as old as the world, only this module must hear of them.
-            let revision = body.revision;
-            for (i, contact) in contacts.into_iter().enumerate().filter(|(_, c)| c.is_some()) {
-                self.sensed.push_back((id, Sensed::Contact { port: Port(i as u8), revision, contact }));
-            }
-        } else {
-            contacts.into_iter().flatten().for_each(|c| self.disconnect(id, c, true));
+        let ports = &mut self.bodies[id.index()].ports;
+        if self.queue.start((id, ports), incarnation) {
+            ports.contacts.clone().into_iter().flatten().for_each(|c| self.disconnect(id, c, true));
             self.hear(now, id, true);
         }
     }
@@ -392,7 +350,7 @@ impl World for MetamoduleWorld {
         if body.under_way.is_some() {
             return self.refuse(id, Refusal::Busy);
         }
-        if sensed != body.revision {
+        if sensed != body.ports.revision {
             return self.refuse(id, Refusal::Stale);
         }
         if now > action.not_after {
@@ -407,13 +365,12 @@ impl World for MetamoduleWorld {
         }
         let (takes, fails) = match action.body_action {
             BodyAction::Turn(_) => (self.setup.params.turn_time, body.stuck),
-            BodyAction::Attach => (self.setup.params.connect_time, self.joints.chance(self.failure)),
+            BodyAction::Attach => (self.setup.params.connect_time, self.queue.draw_failure()),
             BodyAction::Detach | BodyAction::LetGo => (self.setup.params.connect_time, false),
-            BodyAction::Grip(_) => (self.setup.params.connect_time, self.joints.chance(self.failure)),
+            BodyAction::Grip(_) => (self.setup.params.connect_time, self.queue.draw_failure()),
         };
         self.action_counts.started += 1;
-        self.order += 1;
-        self.due.push(Reverse((now + takes, self.order, id)));
+        self.queue.begin(now + takes, id);
         self.bodies[id.index()].under_way =
             Some(UnderWay { to, claimed, body_action: action.body_action, fails });
         self.check_begin(now, id);
@@ -422,15 +379,11 @@ impl World for MetamoduleWorld {
     }
 
     fn next_event(&self) -> Time {
-        self.due.peek().map_or(Time::NEVER, |Reverse((at, _, _))| *at)
+        self.queue.next_end()
     }
 
     fn advance(&mut self, now: Time) {
-        while let Some(Reverse((at, _, id))) = self.due.peek().copied() {
-            if at > now {
-                break;
-            }
-            self.due.pop();
+        while let Some((at, id)) = self.queue.pop(now) {
             self.complete(at, id);
         }
     }
@@ -438,19 +391,19 @@ impl World for MetamoduleWorld {
     fn digest(&self, hasher: &mut dyn Hasher) {
         let mut hasher = Portable::new(hasher);
         for body in &self.bodies {
-            let Body { pose, grips, cells: _, incarnation, revision, contacts, under_way, stuck } = body;
-            (pose, grips, incarnation, revision, contacts, stuck).hash(&mut hasher);
+            let Body { pose, grips, cells: _, ports, under_way, stuck } = body;
+            (pose, grips, ports, stuck).hash(&mut hasher);
             let under_way = under_way.as_ref();
             under_way
                 .map(|UnderWay { to, claimed: _, body_action, fails }| (to, body_action, fails))
                 .hash(&mut hasher);
         }
-        (&self.obstacles, due(&self.due), self.sessions, &self.joints).hash(&mut hasher);
+        (&self.obstacles, &self.queue).hash(&mut hasher);
         self.elements.iter().for_each(|element| element.hash(&mut hasher));
     }
 
     fn poll(&mut self) -> Option<(ModuleId, Sensed<Percept>)> {
-        self.sensed.pop_front()
+        self.queue.poll()
     }
 }
 
@@ -489,8 +442,9 @@ mod tests {
     }
 
     pub(super) fn act_of(world: &mut MetamoduleWorld, of: u32, body_action: BodyAction) -> Percept {
-        let (now, id) = (world.due.peek().map_or(Time::ZERO, |Reverse((at, ..))| *at), ModuleId(of));
-        let revision = world.bodies[id.index()].revision;
+        let (now, id) =
+            (Some(world.queue.next_end()).filter(|at| *at < Time::NEVER).unwrap_or(Time::ZERO), ModuleId(of));
+        let revision = world.bodies[id.index()].ports.revision;
         world.act(now, id, revision, &Action { body_action, not_after: now });
         world.advance(Time(u64::MAX - 1));
         let percept = |(by, s)| if let (true, Sensed::Percept(p)) = (by == id, s) { Some(p) } else { None };

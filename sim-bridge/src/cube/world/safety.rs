@@ -24,15 +24,15 @@ impl CubeWorld {
         if !self.is_supported(id) {
             let motion = self.bodies[id.index()].under_way.map(|u| u.motion);
             let what = format!("{id} moves {motion:?} from {from} over a module that is leaving");
-            self.violate(MOVER_SUPPORTED, now, what);
+            self.queue.violate(MOVER_SUPPORTED, now, what);
         }
         if let Some(mover) = Face::ALL.into_iter().find_map(|face| self.supported_by(from, face)) {
             let what = format!("{id} leaves {from} while {mover} moves over it");
-            self.violate(MOVER_SUPPORTED, now, what);
+            self.queue.violate(MOVER_SUPPORTED, now, what);
         }
         if !self.neighbours_connected(from) {
             let what = format!("{id} leaves {from} while its neighbours need it");
-            self.violate(BODY_CONNECTED, now, what);
+            self.queue.violate(BODY_CONNECTED, now, what);
         }
     }
 
@@ -43,7 +43,7 @@ impl CubeWorld {
         let foreign = needed.into_iter().find(|(cell, by)| self.grid.get(*cell) != Some(*by));
         if let Some((cell, _)) = foreign {
             let what = format!("{id} moves through {cell}, which holds {:?}", self.grid.get(cell));
-            self.violate(ONE_MODULE_PER_CELL, now, what);
+            self.queue.violate(ONE_MODULE_PER_CELL, now, what);
         }
     }
 
@@ -52,7 +52,7 @@ impl CubeWorld {
     pub(super) fn check_arrival(&mut self, now: Time, id: ModuleId, support: Face) {
         let cell = self.bodies[id.index()].cell;
         if self.resting(cell.step(support)).is_none() {
-            self.violate(MOVER_SUPPORTED, now, format!("{id} comes to rest on nothing at {cell}"));
+            self.queue.violate(MOVER_SUPPORTED, now, format!("{id} comes to rest on nothing at {cell}"));
         }
     }
 
@@ -149,7 +149,7 @@ impl CubeWorld {
         for id in (0..self.bodies.len() as u32).map(ModuleId) {
             if !self.is_supported(id) {
                 let cell = self.bodies[id.index()].cell;
-                self.violate(MOVER_SUPPORTED, now, format!("{id} moves from {cell} without support"));
+                self.queue.violate(MOVER_SUPPORTED, now, format!("{id} moves from {cell} without support"));
             }
         }
         if seen != resting.len() {
@@ -159,7 +159,7 @@ impl CubeWorld {
                 resting.len() - seen,
                 resting.len()
             );
-            self.violate(BODY_CONNECTED, now, what);
+            self.queue.violate(BODY_CONNECTED, now, what);
         }
     }
 }
@@ -186,7 +186,7 @@ mod tests {
     }
 
     fn act(world: &mut CubeWorld, now: Time, id: u32, motion: Motion) {
-        let (id, revision) = (ModuleId(id), world.bodies[id as usize].revision);
+        let (id, revision) = (ModuleId(id), world.bodies[id as usize].ports.revision);
         world.act(now, id, revision, &Move { motion, not_after: Time::NEVER });
     }
 

@@ -8,8 +8,8 @@
 
 mod safety;
 
-use crate::world::invariants::Violation;
-use crate::world::{World, due};
+use crate::world::World;
+use crate::world::body_queue::{BodyQueue, Ports};
 use metamorph_protocol::assembly::checker::{
     PhysicalAction, Physics, Place as Site, Refusal as Reason, World as Bodies,
 };
@@ -20,15 +20,13 @@ use metamorph_protocol::free_module::reconfiguration::message::{
 };
 use metamorph_protocol::free_module::reconfiguration::place::{CONNECTORS, Place};
 use metamorph_protocol::free_module::reconfiguration::{LatticeModule, Setup};
-use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::rng::Rng;
 use metamorph_protocol::roombots::connector::Connector;
 use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::Time;
-use std::cmp::Reverse;
-use std::collections::{BTreeSet, BinaryHeap, VecDeque};
+use std::collections::BTreeSet;
 use std::hash::{Hash, Hasher};
 use std::sync::Arc;
 
@@ -58,9 +56,7 @@ struct UnderWay {
 struct Body {
     /// The closed connectors, as bits.
     closed: u16,
-    incarnation: Incarnation,
-    revision: Revision,
-    contacts: [Option<Contact>; CONNECTORS],
+    ports: Ports<[Option<Contact>; CONNECTORS]>,
     under_way: Option<UnderWay>,
     carried_by: Option<ModuleId>,
     stuck: bool,
@@ -105,14 +101,8 @@ pub struct FreeModuleWorld {
     done: BTreeSet<(u32, u16, ModuleId)>,
     /// Actions confirmed, of the latest epoch.
     confirmed: (u32, BTreeSet<usize>),
-    due: BinaryHeap<Reverse<(Time, u64, ModuleId)>>,
-    order: u64,
-    sensed: VecDeque<(ModuleId, Sensed<Percept>)>,
-    sessions: u32,
-    failure: Ratio,
-    joints: Rng,
+    queue: BodyQueue<Percept>,
     counts: ActionCounts,
-    violations: Vec<Violation>,
 }
 
 /// Returns a pair in the order of the checker.
@@ -125,9 +115,7 @@ impl FreeModuleWorld {
     pub fn new(setup: Arc<Setup>, physics: Physics, places: &[Place], seed: u64) -> FreeModuleWorld {
         let body = |place: &Place| Body {
             closed: place.closed,
-            incarnation: Incarnation(0),
-            revision: Revision(0),
-            contacts: [None; CONNECTORS],
+            ports: Ports::new([None; CONNECTORS]),
             under_way: None,
             carried_by: None,
             stuck: false,
@@ -141,14 +129,8 @@ impl FreeModuleWorld {
             pending: BTreeSet::new(),
             done: BTreeSet::new(),
             confirmed: (0, BTreeSet::new()),
-            due: BinaryHeap::new(),
-            order: 0,
-            sensed: VecDeque::new(),
-            sessions: 0,
-            failure: Ratio::ZERO,
-            joints: Rng::named(seed, "joints", 0),
+            queue: BodyQueue::new(seed),
             counts: ActionCounts::default(),
-            violations: Vec::new(),
         };
         for (module, place) in places.iter().enumerate() {
             let closed = Connector::ALL.into_iter().filter(|c| place.is_closed(*c as u8));
@@ -162,7 +144,7 @@ impl FreeModuleWorld {
 
     /// Sets the probability with which each later closing of a connector fails.
     pub fn set_failure(&mut self, p: Ratio) {
-        self.failure = p;
+        self.queue.set_failure(p);
     }
     /// Makes the joints of this module stick, or turn again.
     pub fn set_stuck(&mut self, id: ModuleId, stuck: bool) {
@@ -195,7 +177,7 @@ impl FreeModuleWorld {
     }
     /// Returns when the current action of a module ends, if it acts.
     pub fn acting_until(&self, id: ModuleId) -> Option<Time> {
-        self.due.iter().find(|Reverse((_, _, of))| *of == id).map(|Reverse((at, _, _))| *at)
+        self.queue.acting_until(id)
     }
 
     fn is_closed(&self, (module, connector): Site) -> bool {
@@ -218,33 +200,25 @@ impl FreeModuleWorld {
         state
     }
 
-    fn set_contact(&mut self, site: Site, contact: Option<Contact>, tell: bool) {
-        let body = &mut self.bodies[site.0];
-        body.contacts[site.1 as usize] = contact;
-        body.revision.0 += 1;
-        let (port, revision) = (Port(site.1 as u8), body.revision);
-        if tell {
-            let sensed = Sensed::Contact { port, revision, contact };
-            self.sensed.push_back((ModuleId(site.0 as u32), sensed));
-        }
+    fn set_contact(&mut self, (module, connector): Site, contact: Option<Contact>, tell: bool) {
+        let of = (ModuleId(module as u32), &mut self.bodies[module].ports);
+        self.queue.set_contact(of, Port(connector as u8), contact, tell);
+    }
+    fn is_in_contact(&self, (module, connector): Site) -> bool {
+        self.bodies[module].ports.contacts[connector as usize].is_some()
     }
 
     /// Opens the contact of a connection if both sides hold it and there is none yet.
     fn connect(&mut self, site: Site, tell: bool) {
         let Some(partner) = self.state.partner(site).filter(|p| self.is_closed(*p)) else { return };
         self.state.held.insert(pair(site, partner));
-        if self.bodies[site.0].contacts[site.1 as usize].is_some() {
+        if self.is_in_contact(site) {
             return;
         }
-        self.sessions += 1;
-        let session = Session(self.sessions);
+        let session = self.queue.open_session();
         for (own, other) in [(site, partner), (partner, site)] {
-            let contact = Contact {
-                session,
-                peer: ModuleId(other.0 as u32),
-                peer_incarnation: self.bodies[other.0].incarnation,
-                peer_port: Port(other.1 as u8),
-            };
+            let contact =
+                self.bodies[other.0].ports.end(session, ModuleId(other.0 as u32), Port(other.1 as u8));
             self.set_contact(own, Some(contact), tell);
         }
     }
@@ -265,7 +239,7 @@ impl FreeModuleWorld {
             Refusal::Stale => self.counts.stale += 1,
             Refusal::Busy | Refusal::Impossible => self.counts.impossible += 1,
         }
-        self.sensed.push_back((id, Sensed::Percept(Percept::Refused(why))));
+        self.queue.perceive(id, Percept::Refused(why));
     }
 
     /// Returns what a turn moves, if the body is able to do the action.
@@ -334,7 +308,7 @@ impl FreeModuleWorld {
         let swing = Swing { pivot, axis: axis.map(|a| a as i8), degrees };
         for module in &turn.moving {
             self.bodies[*module].carried_by = Some(id);
-            self.sensed.push_back((ModuleId(*module as u32), Sensed::Percept(Percept::Carried(swing))));
+            self.queue.perceive(ModuleId(*module as u32), Percept::Carried(swing));
         }
     }
 
@@ -356,10 +330,10 @@ impl FreeModuleWorld {
             self.bodies[*module].carried_by = None;
             let other = ModuleId(*module as u32);
             let percept = Percept::Settled { place: self.place(other), moved };
-            self.sensed.push_back((other, Sensed::Percept(percept)));
+            self.queue.perceive(other, percept);
         }
         let percept = if moved { Percept::Done(self.place(id)) } else { Percept::Failed };
-        self.sensed.push_back((id, Sensed::Percept(percept)));
+        self.queue.perceive(id, percept);
         if moved {
             self.note_done(now, id, action.step);
         } else {
@@ -420,19 +394,11 @@ impl World for FreeModuleWorld {
     }
 
     fn start(&mut self, _now: Time, id: ModuleId, incarnation: Incarnation) {
-        let before = std::mem::replace(&mut self.bodies[id.index()].incarnation, incarnation);
-        let sites = Connector::ALL.map(|connector| (id.index(), connector));
-        if before == incarnation {
-            // First incarnation: the sessions are as old as the world, only this module must hear of them.
-            let body = &self.bodies[id.index()];
-            for (i, contact) in body.contacts.into_iter().enumerate().filter(|(_, c)| c.is_some()) {
-                let sensed = Sensed::Contact { port: Port(i as u8), revision: body.revision, contact };
-                self.sensed.push_back((id, sensed));
-            }
+        if !self.queue.start((id, &mut self.bodies[id.index()].ports), incarnation) {
             return;
         }
-        for site in sites {
-            if self.bodies[site.0].contacts[site.1 as usize].is_some() {
+        for site in Connector::ALL.map(|connector| (id.index(), connector)) {
+            if self.is_in_contact(site) {
                 self.disconnect(site);
                 self.connect(site, true);
             }
@@ -444,7 +410,7 @@ impl World for FreeModuleWorld {
         if self.is_acting(id) {
             return self.refuse(id, Refusal::Busy);
         }
-        if sensed != body.revision {
+        if sensed != body.ports.revision {
             return self.refuse(id, Refusal::Stale);
         }
         if now > action.not_after {
@@ -457,12 +423,11 @@ impl World for FreeModuleWorld {
         };
         let (takes, fails) = match action.body_action {
             BodyAction::Turn { .. } => (self.setup.turn_time, stuck),
-            BodyAction::Attach(_) => (self.setup.connect_time, self.joints.chance(self.failure)),
+            BodyAction::Attach(_) => (self.setup.connect_time, self.queue.draw_failure()),
             BodyAction::Detach(_) => (self.setup.connect_time, false),
         };
         self.counts.started += 1;
-        self.order += 1;
-        self.due.push(Reverse((now + takes, self.order, id)));
+        self.queue.begin(now + takes, id);
         if let BodyAction::Attach(connector) | BodyAction::Detach(connector) = action.body_action {
             let site = (id.index(), Connector::ALL[usize::from(connector)]);
             self.pending.extend(self.state.partner(site).map(|partner| pair(site, partner)));
@@ -475,15 +440,11 @@ impl World for FreeModuleWorld {
     }
 
     fn next_event(&self) -> Time {
-        self.due.peek().map_or(Time::NEVER, |Reverse((at, _, _))| *at)
+        self.queue.next_end()
     }
 
     fn advance(&mut self, now: Time) {
-        while let Some(Reverse((at, _, id))) = self.due.peek().copied() {
-            if at > now {
-                break;
-            }
-            self.due.pop();
+        while let Some((at, id)) = self.queue.pop(now) {
             self.complete(at, id);
         }
     }
@@ -491,19 +452,19 @@ impl World for FreeModuleWorld {
     fn digest(&self, hasher: &mut dyn Hasher) {
         let mut hasher = Portable::new(hasher);
         for (i, body) in self.bodies.iter().enumerate() {
-            let Body { closed: _, incarnation, revision, contacts, under_way, carried_by, stuck } = body;
+            let Body { closed: _, ports, under_way, carried_by, stuck } = body;
             self.place(ModuleId(i as u32)).hash(&mut hasher);
-            (incarnation, revision, contacts, carried_by, stuck).hash(&mut hasher);
+            (ports, carried_by, stuck).hash(&mut hasher);
             under_way
                 .as_ref()
                 .map(|UnderWay { action, fails, turn }| (action, fails, turn))
                 .hash(&mut hasher);
         }
-        (due(&self.due), self.sessions, &self.joints).hash(&mut hasher);
+        self.queue.hash(&mut hasher);
     }
 
     fn poll(&mut self) -> Option<(ModuleId, Sensed<Percept>)> {
-        self.sensed.pop_front()
+        self.queue.poll()
     }
 }
 
@@ -511,7 +472,7 @@ impl World for FreeModuleWorld {
 #[cfg(test)]
 impl FreeModuleWorld {
     pub(super) fn revision(&self, id: ModuleId) -> Revision {
-        self.bodies[id.index()].revision
+        self.bodies[id.index()].ports.revision
     }
     pub(super) fn is_behind(&self, of: ModuleId, other: ModuleId) -> bool {
         self.state.moving_side(of.index(), 1).is_some_and(|side| side.contains(&other.index()))

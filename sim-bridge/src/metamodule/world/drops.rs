@@ -6,7 +6,6 @@ use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::manipulation::colour::colour;
 use metamorph_protocol::metamodule::message::{BodyAction, Percept};
 use metamorph_protocol::metamodule::pose::{Load, Pose};
-use metamorph_protocol::runtime::Sensed;
 
 /// What became of an element whose latches opened.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -39,7 +38,7 @@ impl MetamoduleWorld {
                 Some(under_way) => under_way.to.load = Load::NONE,
                 None => {
                     let pose: Pose = body.pose;
-                    self.sensed.push_back((*id, Sensed::Percept(Percept::Done(pose))));
+                    self.queue.perceive(*id, Percept::Done(pose));
                 }
             }
         }

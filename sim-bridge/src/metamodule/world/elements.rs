@@ -199,7 +199,7 @@ impl MetamoduleWorld {
             [(ELEMENT_HELD, held), (CLOSED_CHAIN, chain), (ELEMENT_COLOUR, kept), (ELEMENT_SPACE, space)];
         for (invariant, result) in found {
             if let Err(what) = result {
-                self.violate(invariant, now, format!("{name}: {what}"));
+                self.queue.violate(invariant, now, format!("{name}: {what}"));
             }
         }
     }
@@ -212,7 +212,7 @@ impl MetamoduleWorld {
         let limits = self.setup.elements.limits();
         let is_step = matches!(under_way.body_action, BodyAction::Turn(_)) && body.pose.load != Load::NONE;
         if is_step && let Err(what) = torque(step.map(|s| s.peak), limits) {
-            self.violate(TORQUE, now, format!("module {id}: {what}"));
+            self.queue.violate(TORQUE, now, format!("module {id}: {what}"));
         }
     }
 }

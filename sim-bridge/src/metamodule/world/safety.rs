@@ -58,7 +58,7 @@ impl MetamoduleWorld {
             Some(Occupant::Body(other) | Occupant::Path(other)) => format!("{other} and {id} at {cell}"),
             None => format!("{id} at {cell}, which it had not claimed"),
         };
-        self.violate(ONE_MODULE_PER_CELL, now, what);
+        self.queue.violate(ONE_MODULE_PER_CELL, now, what);
     }
 
     /// Checks that a body grips the floor; while an end lets go, with the other end.
@@ -74,7 +74,7 @@ impl MetamoduleWorld {
             ends.push(self.setup.motions.landing(body.pose).is_some_and(|s| floor(s.x, s.y)));
         }
         if let Err(what) = attached(&ends) {
-            self.violate(ATTACHED, now, format!("module {id}: {what}"));
+            self.queue.violate(ATTACHED, now, format!("module {id}: {what}"));
         }
     }
 
@@ -87,10 +87,10 @@ impl MetamoduleWorld {
         });
         let foreign = body.cells.iter().find(|c| self.obstacles.contains(c)).copied();
         if let Some((other, cell)) = shared {
-            self.violate(ONE_MODULE_PER_CELL, now, format!("{other} and {id} at {cell}"));
+            self.queue.violate(ONE_MODULE_PER_CELL, now, format!("{other} and {id} at {cell}"));
         }
         if let Some(cell) = foreign {
-            self.violate(ONE_MODULE_PER_CELL, now, format!("{id} and something foreign at {cell}"));
+            self.queue.violate(ONE_MODULE_PER_CELL, now, format!("{id} and something foreign at {cell}"));
         }
     }
 
@@ -163,7 +163,7 @@ mod tests {
         let fails = |spoil: fn(&mut MetamoduleWorld)| {
             let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[from], 1);
             world.set_stuck(ModuleId(0), true);
-            let revision = world.bodies[0].revision;
+            let revision = world.bodies[0].ports.revision;
             let action = Action { body_action, not_after: Time::ZERO };
             world.act(Time::ZERO, ModuleId(0), revision, &action);
             assert_eq!(fired(&mut world), []);

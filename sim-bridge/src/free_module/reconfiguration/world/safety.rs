@@ -6,7 +6,7 @@ use super::super::invariants::{
     confirmed_in_order, connection_sides_agree, no_turn_while_pending, once_per_epoch,
 };
 use super::{FreeModuleWorld, Turn, pair};
-use crate::world::invariants::{Invariant, ONE_MODULE_PER_CELL, Violation};
+use crate::world::invariants::{ONE_MODULE_PER_CELL, Violation};
 use metamorph_protocol::assembly::checker::Refusal as Reason;
 use metamorph_protocol::free_module::reconfiguration::message::StepName;
 use metamorph_protocol::ids::ModuleId;
@@ -15,13 +15,9 @@ use metamorph_protocol::time::Time;
 use std::collections::BTreeSet;
 
 impl FreeModuleWorld {
-    fn violate(&mut self, invariant: Invariant, at: Time, what: String) {
-        self.violations.push(Violation { invariant, at, what });
-    }
-
     /// Returns the invariants broken since the last call.
     pub fn take_violations(&mut self) -> Vec<Violation> {
-        std::mem::take(&mut self.violations)
+        self.queue.take_violations()
     }
 
     /// Checks a turn that begins.
@@ -30,7 +26,11 @@ impl FreeModuleWorld {
         let mut pending: BTreeSet<usize> = self.pending.iter().flat_map(of).collect();
         pending.extend((0..self.bodies.len()).filter(|m| self.bodies[*m].under_way.is_some()));
         if let Err(what) = no_turn_while_pending(&turn.moving, &pending) {
-            self.violate(NO_TURN_WHILE_PENDING, now, format!("joint {} of {id}: {what}", turn.joint + 1));
+            self.queue.violate(
+                NO_TURN_WHILE_PENDING,
+                now,
+                format!("joint {} of {id}: {what}", turn.joint + 1),
+            );
         }
     }
 
@@ -41,7 +41,7 @@ impl FreeModuleWorld {
             Reason::NotFacing(..) => CONNECTION_SIDES_AGREE,
             _ => ONE_MODULE_PER_CELL,
         };
-        self.violate(invariant, now, format!("the turn of {id}: {reason}"));
+        self.queue.violate(invariant, now, format!("the turn of {id}: {reason}"));
     }
 
     /// Notes that a module has carried out an action of a plan.
@@ -49,7 +49,7 @@ impl FreeModuleWorld {
         let is_first = self.done.insert((step.epoch, step.index, id));
         if let Err(what) = once_per_epoch(is_first) {
             let what = format!("action {} of plan {} by {id}: {what}", step.index, step.epoch);
-            self.violate(ONCE_PER_EPOCH, now, what);
+            self.queue.violate(ONCE_PER_EPOCH, now, what);
         }
     }
 
@@ -61,7 +61,7 @@ impl FreeModuleWorld {
         let is_done = sides.iter().all(|id| self.done.contains(&(epoch, index as u16, *id)));
         let missing = after.iter().copied().find(|before| !self.confirmed.1.contains(before));
         if let Err(what) = confirmed_in_order(is_done, missing) {
-            self.violate(CONFIRMED_IN_ORDER, now, format!("action {index} of plan {epoch}: {what}"));
+            self.queue.violate(CONFIRMED_IN_ORDER, now, format!("action {index} of plan {epoch}: {what}"));
         }
         self.confirmed.1.insert(index);
     }
@@ -77,10 +77,10 @@ impl FreeModuleWorld {
     /// Checks cells, connections and connectivity of all bodies.
     pub fn check_all(&mut self, now: Time) {
         if let Err(reason) = self.state.apart() {
-            self.violate(ONE_MODULE_PER_CELL, now, reason.to_string());
+            self.queue.violate(ONE_MODULE_PER_CELL, now, reason.to_string());
         }
         if let Err(reason) = self.state.whole() {
-            self.violate(ONE_CONNECTED_BODY, now, reason.to_string());
+            self.queue.violate(ONE_CONNECTED_BODY, now, reason.to_string());
         }
         let sites = (0..self.bodies.len()).flat_map(|m| Connector::ALL.map(|c| (m, c)));
         let found: Vec<String> = sites
@@ -92,6 +92,6 @@ impl FreeModuleWorld {
                 checked.err().map(|what| format!("{} of module {}: {what}", site.1, site.0))
             })
             .collect();
-        found.into_iter().for_each(|what| self.violate(CONNECTION_SIDES_AGREE, now, what));
+        found.into_iter().for_each(|what| self.queue.violate(CONNECTION_SIDES_AGREE, now, what));
     }
 }
