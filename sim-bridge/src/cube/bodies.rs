@@ -62,8 +62,6 @@ impl<A: Agent<Place = Cell, Action = Move, Percept = Percept>> World for CubeBod
 }
 
 impl<A: Agent<Place = Cell, Action = Move, Percept = Percept>> Audited for CubeBodies<A> {
-    fn audit_agent(&mut self, _: Time, _: ModuleId, _: &Agents<'_, A>, _: &mut Vec<Violation>) {}
-    fn audit_action(&self, _: Time, _: ModuleId, _: &Agents<'_, A>, _: &mut Vec<Violation>) {}
     fn audit_all(&mut self, now: Time, _: &Agents<'_, A>, found: &mut Vec<Violation>) {
         self.cubes.check_connected(now);
         for (invariant, check) in &self.checks {

@@ -7,7 +7,7 @@ use super::audit;
 use super::falls::{self, Falls};
 use super::physics::{Physics, TICK};
 use super::structure_world::StructureWorld;
-use crate::kernel::audited::{Agents, Audited};
+use crate::kernel::audited::Audited;
 use crate::world::World;
 use crate::world::invariants::Violation;
 use metamorph_protocol::free_module::gait::FreeModule;
@@ -228,9 +228,6 @@ impl<P: Physics> World for PhysicsWorld<P> {
 }
 
 impl<P: Physics> Audited for PhysicsWorld<P> {
-    fn audit_agent(&mut self, _: Time, _: ModuleId, _: &Agents<'_, FreeModule>, _: &mut Vec<Violation>) {}
-    fn audit_action(&self, _: Time, _: ModuleId, _: &Agents<'_, FreeModule>, _: &mut Vec<Violation>) {}
-    fn audit_all(&mut self, _: Time, _: &Agents<'_, FreeModule>, _: &mut Vec<Violation>) {}
     fn take_violations(&mut self) -> Vec<Violation> {
         let news = self.broken.iter().filter(|_| !self.told).cloned().collect();
         self.told = self.broken.is_some();

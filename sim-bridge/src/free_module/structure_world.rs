@@ -1,8 +1,7 @@
 //! A structure whose connections hold for the whole run, without bodies: agents are in contact and nothing moves.
 
-use crate::kernel::audited::{Agents, Audited};
+use crate::kernel::audited::Audited;
 use crate::world::World;
-use crate::world::invariants::Violation;
 use metamorph_protocol::free_module::gait::FreeModule;
 use metamorph_protocol::free_module::gait::body::{Place, Pose};
 use metamorph_protocol::free_module::gait::message::{Docking, Follow};
@@ -92,11 +91,4 @@ impl World for StructureWorld {
     }
 }
 
-impl Audited for StructureWorld {
-    fn audit_agent(&mut self, _: Time, _: ModuleId, _: &Agents<'_, FreeModule>, _: &mut Vec<Violation>) {}
-    fn audit_action(&self, _: Time, _: ModuleId, _: &Agents<'_, FreeModule>, _: &mut Vec<Violation>) {}
-    fn audit_all(&mut self, _: Time, _: &Agents<'_, FreeModule>, _: &mut Vec<Violation>) {}
-    fn take_violations(&mut self) -> Vec<Violation> {
-        Vec::new()
-    }
-}
+impl Audited for StructureWorld {}

@@ -6,29 +6,33 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::link::ClockOffset;
 use metamorph_protocol::time::Time;
 
-/// A world whose agents can be audited: the invariants that involve agents and the world.
+/// A world whose agents can be audited: the invariants that involve agents and the world. By default there are none.
 pub trait Audited: World {
     /// Checks what one agent's last input may have broken. An implementation may remember what it has checked
     /// and found sound.
     fn audit_agent(
         &mut self,
-        now: Time,
-        id: ModuleId,
-        agents: &Agents<'_, Self::Agent>,
-        found: &mut Vec<Violation>,
-    );
+        _now: Time,
+        _id: ModuleId,
+        _agents: &Agents<'_, Self::Agent>,
+        _found: &mut Vec<Violation>,
+    ) {
+    }
     /// Checks an action at the moment the world has accepted or refused it.
     fn audit_action(
         &self,
-        now: Time,
-        id: ModuleId,
-        agents: &Agents<'_, Self::Agent>,
-        found: &mut Vec<Violation>,
-    );
+        _now: Time,
+        _id: ModuleId,
+        _agents: &Agents<'_, Self::Agent>,
+        _found: &mut Vec<Violation>,
+    ) {
+    }
     /// Checks everything, at intervals.
-    fn audit_all(&mut self, now: Time, agents: &Agents<'_, Self::Agent>, found: &mut Vec<Violation>);
+    fn audit_all(&mut self, _now: Time, _agents: &Agents<'_, Self::Agent>, _found: &mut Vec<Violation>) {}
     /// Takes the violations that the world itself has found.
-    fn take_violations(&mut self) -> Vec<Violation>;
+    fn take_violations(&mut self) -> Vec<Violation> {
+        Vec::new()
+    }
 }
 
 /// A driver that lets audits read its agents.

@@ -3,9 +3,8 @@
 //! For agents that only communicate, and for measuring the kernel: it stores nothing per module, not even
 //! contacts, which follow from the number of a module. Not here: actions and their effects.
 
-use crate::kernel::audited::{Agents, Audited};
+use crate::kernel::audited::Audited;
 use crate::world::World;
-use crate::world::invariants::Violation;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::lattice::{Cell, Face};
@@ -95,11 +94,4 @@ impl<A: Agent<Place = Cell, Action = Never, Percept = Never>> World for StillWor
     }
 }
 
-impl<A: Agent<Place = Cell, Action = Never, Percept = Never>> Audited for StillWorld<A> {
-    fn audit_agent(&mut self, _: Time, _: ModuleId, _: &Agents<'_, A>, _: &mut Vec<Violation>) {}
-    fn audit_action(&self, _: Time, _: ModuleId, _: &Agents<'_, A>, _: &mut Vec<Violation>) {}
-    fn audit_all(&mut self, _: Time, _: &Agents<'_, A>, _: &mut Vec<Violation>) {}
-    fn take_violations(&mut self) -> Vec<Violation> {
-        Vec::new()
-    }
-}
+impl<A: Agent<Place = Cell, Action = Never, Percept = Never>> Audited for StillWorld<A> {}

@@ -35,10 +35,7 @@ fn locks(
 }
 
 impl Audited for MetamoduleWorld {
-    fn audit_agent(&mut self, _: Time, _: ModuleId, _: &Agents<'_, Metamodule>, _: &mut Vec<Violation>) {
-        // Locks change hands with actions, which are audited one by one.
-    }
-
+    // Locks change hands with actions, which are audited one by one.
     fn audit_action(
         &self,
         now: Time,

@@ -9,10 +9,7 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::Time;
 
 impl Audited for FreeModuleWorld {
-    fn audit_agent(&mut self, _: Time, _: ModuleId, _: &Agents<'_, LatticeModule>, _: &mut Vec<Violation>) {
-        // Locks matter when a turn begins.
-    }
-
+    // Locks matter when a turn begins.
     fn audit_action(
         &self,
         now: Time,
