@@ -210,8 +210,8 @@ impl Experiment {
         }
         let (violations, broken) = sim.violations();
         Ran {
-            outcome: sim.director().outcome(),
-            stall: sim.director().stall().cloned(),
+            outcome: sim.director().monitor().outcome(),
+            stall: sim.director().monitor().stall().cloned(),
             violations: violations.to_vec(),
             broken,
             tally: *sim.tally(),

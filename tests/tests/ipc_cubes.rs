@@ -45,13 +45,18 @@ fn build(side: i16, block: i16, speed: u32, faults: Vec<(Time, Fault)>) -> (Opti
     let outcome = run_swarm(&options, setup.as_ref(), &mut world, &mut director).expect("the swarm runs");
     #[allow(clippy::print_stdout, reason = "shown only on failure or with --nocapture")]
     {
-        println!("{:?} {:?} {:?} {outcome:#?}", director.outcome(), director.progress(), director.stall());
+        println!(
+            "{:?} {:?} {:?} {outcome:#?}",
+            director.monitor().outcome(),
+            director.progress(),
+            director.monitor().stall()
+        );
     }
     assert!(world.take_violations().is_empty(), "an invariant broke");
     assert_eq!(outcome.crashes, []);
     assert_eq!((outcome.foreign, outcome.missing_counters.len()), (0, 0));
     assert_eq!(unbalanced(&outcome, 6, true), None);
-    (director.outcome().map(|(_, came_to)| came_to), outcome)
+    (director.monitor().outcome().map(|(_, came_to)| came_to), outcome)
 }
 
 #[test]

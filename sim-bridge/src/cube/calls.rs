@@ -95,7 +95,7 @@ pub(super) struct Swarm<'a> {
 
 /// What the director knows of the progress.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Standing {
+pub(super) struct CallProgress {
     /// When a cell was last filled.
     pub last_fill: Time,
     /// When something last broke.
@@ -111,16 +111,16 @@ impl Calls {
     pub fn tend(
         &mut self,
         now: Time,
-        standing: Standing,
+        progress: CallProgress,
         world: &mut CubeWorld,
         snapshot: &dyn Fn(&CubeWorld) -> StandstillSnapshot,
         swarm: Swarm<'_>,
         commands: &mut VecDeque<Command<Order>>,
     ) {
-        let news = standing.last_fill.max(standing.last_fault);
+        let news = progress.last_fill.max(progress.last_fault);
         if news != self.news {
             let are_done = self.legs.is_empty() && self.sent.is_some();
-            let is_fruitful = standing.last_fill > standing.last_fault && (self.is_fruitful || are_done);
+            let is_fruitful = progress.last_fill > progress.last_fault && (self.is_fruitful || are_done);
             *self = Calls { news, is_fruitful, requests: self.requests, ..Calls::default() };
         }
         self.watch(now, world);
@@ -130,14 +130,14 @@ impl Calls {
         if self.asked.is_some() || self.sent.is_some() || self.given_up >= MOST_GIVEN_UP {
             return;
         }
-        let changed = news.max(standing.last_move);
-        let patience = if self.is_fruitful { swarm.params.move_time * PAUSE } else { standing.patience };
+        let changed = news.max(progress.last_move);
+        let patience = if self.is_fruitful { swarm.params.move_time * PAUSE } else { progress.patience };
         if self.legs.is_empty() && now.since(changed) > patience && now >= self.next {
             let snapshot = snapshot(world);
             self.legs = self.find(world, &snapshot).unwrap_or_default();
             if self.legs.is_empty() {
                 // Walkers that rest take a place in the forest meanwhile, and carry others then.
-                self.next = now + standing.patience;
+                self.next = now + progress.patience;
             }
         }
         if let Some(leg) = self.legs.pop_front() {

@@ -11,7 +11,7 @@ use crate::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_ACTIVE_TARGET, NO_
 use metamorph_protocol::cube::control::Status;
 use metamorph_protocol::cube::epoch::Epoch;
 use metamorph_protocol::cube::message::Role;
-use metamorph_protocol::cube::params::Connectivity;
+use metamorph_protocol::cube::params::{Connectivity, Setup};
 use metamorph_protocol::goal::Goal;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
@@ -44,101 +44,111 @@ impl Known {
     }
 }
 
-/// Returns the reason for a standstill in the building of the goal of an epoch.
-pub fn diagnose(
-    world: &mut CubeWorld,
-    known: &[Known],
-    goal: &Goal,
-    connectivity: Connectivity,
-    epoch: Epoch,
-    since: Time,
-) -> Stall {
-    let filled = |cell: Cell| {
-        world.body_at(cell).is_some_and(|id| known[id.index()].is_final(epoch) || !known[id.index()].alive)
-    };
-    let unfilled: Vec<Cell> = goal.cells().filter(|c| !filled(*c)).collect();
-    // An unfilled cell that has waited long enough is started by any live finalized neighbour.
-    let starts = |id: ModuleId| known[id.index()].alive && known[id.index()].is_final(epoch);
-    let targets: BTreeSet<Cell> = unfilled
-        .iter()
-        .copied()
-        .filter(|c| c.neighbours().into_iter().filter_map(|n| world.body_at(n)).any(starts))
-        .collect();
-    let spare: Vec<ModuleId> = (0..known.len())
-        .filter(|i| known[*i].alive && !known[*i].is_final(epoch))
-        .map(|i| ModuleId(i as u32))
-        .filter(|id| !world.is_stuck(*id))
-        .collect();
-    let mut stall = Stall {
-        since,
-        reason: NO_WAY,
-        text: "",
-        open: unfilled.iter().map(|cell| (*cell).into()).collect(),
-        wait_cycle: wait_cycle(known),
-        waiting: Vec::new(),
-        detected: None,
-        proof: None,
-    };
-    stall.reason = if spare.len() < unfilled.len() {
-        MATERIAL_EXHAUSTED
-    } else if targets.is_empty() {
-        NO_ACTIVE_TARGET
-    } else {
-        let with_a_way = walkers_with_a_way(world, known, &spare, &targets);
-        let may_leave = |id: &ModuleId| {
-            connectivity != Connectivity::Cycles
-                || known[id.index()].is_walker()
-                || is_spared(world, known, *id)
-        };
-        let is_free = |id: &ModuleId| !is_pinned(world, known, *id) && may_leave(id);
-        stall.waiting = with_a_way.iter().map(|id| waiter(known, *id)).take(20).collect();
-        if with_a_way.iter().any(is_free) {
-            BLOCKED
-        } else if !with_a_way.is_empty() {
-            PINNED
-        } else {
-            NO_WAY
-        }
-    };
-    stall.text = stall.reason.text;
-    stall
+/// The goal that is built in an epoch, and what is known of the modules that build it.
+#[derive(Clone, Copy)]
+pub(super) struct Building<'a> {
+    pub goal: &'a Goal,
+    pub connectivity: Connectivity,
+    pub epoch: Epoch,
+    known: &'a [Known],
+    registrar: &'a Registrar,
 }
 
-/// Returns the state of the swarm as the input of a reachability search.
-pub fn snapshot(
-    world: &CubeWorld,
-    (known, registrar): (&[Known], &Registrar),
-    goal: &Goal,
-    connectivity: Connectivity,
-    epoch: Epoch,
-) -> StandstillSnapshot {
-    // A holder that has been restarted may not know that it is finalized.
-    let stays_final = |id: ModuleId| !known[id.index()].alive || known[id.index()].is_final(epoch);
-    let is_final_still = |holder: Cell| world.body_at(holder).is_some_and(stays_final);
-    let modules = (0..known.len() as u32).map(ModuleId).map(|id| {
-        let of = &known[id.index()];
-        ModuleSnapshot {
-            cell: world.cell(id),
-            alive: of.alive,
-            stuck: world.is_stuck(id),
-            walker: of.is_walker(),
-            // The dead module in the seed cell is the root.
-            finalized: of.is_final(epoch) || (!of.alive && world.cell(id) == goal.seed()),
-            unattached: of.is_unattached(),
-            held_for_good: !of.alive && registrar.held_for_good_by(id).is_some_and(is_final_still),
-            // A module restarted in a goal cell may have been finalized: it stays.
-            pinned: of.alive
-                && (is_pinned(world, known, id)
-                    || (of.restarted && !of.is_walker() && goal.contains(world.cell(id)))),
+impl<'a> Building<'a> {
+    /// Creates the view of an epoch.
+    pub fn of(setup: &'a Setup, epoch: Epoch, known: &'a [Known], registrar: &'a Registrar) -> Building<'a> {
+        // Invariant: the epoch only advances while there is a next goal.
+        let goal = &setup.goals[usize::from(epoch.goal())];
+        Building { goal, connectivity: setup.params.connectivity_in(epoch), epoch, known, registrar }
+    }
+
+    /// Returns the reason for a standstill.
+    pub fn diagnose(&self, world: &mut CubeWorld, since: Time) -> Stall {
+        let Building { goal, connectivity, epoch, known, .. } = *self;
+        let filled = |cell: Cell| {
+            world
+                .body_at(cell)
+                .is_some_and(|id| known[id.index()].is_final(epoch) || !known[id.index()].alive)
+        };
+        let unfilled: Vec<Cell> = goal.cells().filter(|c| !filled(*c)).collect();
+        // An unfilled cell that has waited long enough is started by any live finalized neighbour.
+        let starts = |id: ModuleId| known[id.index()].alive && known[id.index()].is_final(epoch);
+        let targets: BTreeSet<Cell> = unfilled
+            .iter()
+            .copied()
+            .filter(|c| c.neighbours().into_iter().filter_map(|n| world.body_at(n)).any(starts))
+            .collect();
+        let spare: Vec<ModuleId> = (0..known.len())
+            .filter(|i| known[*i].alive && !known[*i].is_final(epoch))
+            .map(|i| ModuleId(i as u32))
+            .filter(|id| !world.is_stuck(*id))
+            .collect();
+        let mut stall = Stall {
+            since,
+            reason: NO_WAY,
+            text: "",
+            open: unfilled.iter().map(|cell| (*cell).into()).collect(),
+            wait_cycle: wait_cycle(known),
+            waiting: Vec::new(),
+            detected: None,
+            proof: None,
+        };
+        stall.reason = if spare.len() < unfilled.len() {
+            MATERIAL_EXHAUSTED
+        } else if targets.is_empty() {
+            NO_ACTIVE_TARGET
+        } else {
+            let with_a_way = walkers_with_a_way(world, known, &spare, &targets);
+            let may_leave = |id: &ModuleId| {
+                connectivity != Connectivity::Cycles
+                    || known[id.index()].is_walker()
+                    || is_spared(world, known, *id)
+            };
+            let is_free = |id: &ModuleId| !is_pinned(world, known, *id) && may_leave(id);
+            stall.waiting = with_a_way.iter().map(|id| waiter(known, *id)).take(20).collect();
+            if with_a_way.iter().any(is_free) {
+                BLOCKED
+            } else if !with_a_way.is_empty() {
+                PINNED
+            } else {
+                NO_WAY
+            }
+        };
+        stall.text = stall.reason.text;
+        stall
+    }
+
+    /// Returns the state of the swarm as the input of a reachability search.
+    pub fn snapshot(&self, world: &CubeWorld) -> StandstillSnapshot {
+        let Building { goal, connectivity, epoch, known, registrar } = *self;
+        // A holder that has been restarted may not know that it is finalized.
+        let stays_final = |id: ModuleId| !known[id.index()].alive || known[id.index()].is_final(epoch);
+        let is_final_still = |holder: Cell| world.body_at(holder).is_some_and(stays_final);
+        let modules = (0..known.len() as u32).map(ModuleId).map(|id| {
+            let of = &known[id.index()];
+            ModuleSnapshot {
+                cell: world.cell(id),
+                alive: of.alive,
+                stuck: world.is_stuck(id),
+                walker: of.is_walker(),
+                // The dead module in the seed cell is the root.
+                finalized: of.is_final(epoch) || (!of.alive && world.cell(id) == goal.seed()),
+                unattached: of.is_unattached(),
+                held_for_good: !of.alive && registrar.held_for_good_by(id).is_some_and(is_final_still),
+                // A module restarted in a goal cell may have been finalized: it stays.
+                pinned: of.alive
+                    && (is_pinned(world, known, id)
+                        || (of.restarted && !of.is_walker() && goal.contains(world.cell(id)))),
+            }
+        });
+        let fills = |id: ModuleId| known[id.index()].is_final(epoch) || !known[id.index()].alive;
+        StandstillSnapshot {
+            modules: modules.collect(),
+            filled: goal.cells().filter(|c| world.body_at(*c).is_some_and(fills)).count(),
+            goal: goal.cells().collect(),
+            seed: goal.seed(),
+            spared_by_live: connectivity == Connectivity::Cycles,
         }
-    });
-    let fills = |id: ModuleId| known[id.index()].is_final(epoch) || !known[id.index()].alive;
-    StandstillSnapshot {
-        modules: modules.collect(),
-        filled: goal.cells().filter(|c| world.body_at(*c).is_some_and(fills)).count(),
-        goal: goal.cells().collect(),
-        seed: goal.seed(),
-        spared_by_live: connectivity == Connectivity::Cycles,
     }
 }
 
@@ -328,7 +338,14 @@ pub(super) mod tests {
             .map(|(alive, s)| Known { alive: *alive, restarted: false, status: Some(*s) })
             .collect();
         let mut world = CubeWorld::new(&bodies, Span::secs(1), 1);
-        let stall = diagnose(&mut world, &known, &goal, Connectivity::Forest, Epoch::first(0), Time::ZERO);
+        let building = Building {
+            goal: &goal,
+            connectivity: Connectivity::Forest,
+            epoch: Epoch::first(0),
+            known: &known,
+            registrar: &Registrar::default(),
+        };
+        let stall = building.diagnose(&mut world, Time::ZERO);
         assert_eq!(stall.reason, expected, "{stall:?}");
         stall
     }

@@ -1,15 +1,15 @@
 //! The director of cubes: opens goals, injects faults, certifies deaths, watches progress and decides how the
 //! run ends. Sans-IO; both drivers carry out its commands.
 
-use crate::cube::calls::{Calls, Standing, Swarm};
-use crate::cube::diagnosis::{Known, diagnose, snapshot};
+use crate::cube::calls::{CallProgress, Calls, Swarm};
+use crate::cube::diagnosis::{Building, Known};
 use crate::cube::global_plan::GlobalPlan;
 use crate::cube::reachability::StandstillSnapshot;
 use crate::cube::registrar::Registrar;
 use crate::cube::world::CubeWorld;
-use crate::director::fault_injector::FaultInjector;
 use crate::director::faults::{Fault, FaultRecord, Schedule};
-use crate::director::outcome::{Outcome, Stall};
+use crate::director::monitor::{RunMonitor, Standing};
+use crate::director::outcome::Outcome;
 use crate::director::port::DirectorPort;
 use crate::director::progress::{Progress, Stage, Stop};
 use crate::director::steering::Steering as Wish;
@@ -25,7 +25,6 @@ use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
-use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// The part of the time without moves that ends a run after which modules are called.
@@ -36,8 +35,7 @@ const LAST_PATIENCE: u64 = 2;
 /// The director of a swarm of cubes.
 pub struct Director {
     setup: Arc<Setup>,
-    faults: FaultInjector,
-    stop: Stop,
+    monitor: RunMonitor<Order>,
     failure: Ratio,
     /// The present epoch.
     opening: Opening,
@@ -48,20 +46,16 @@ pub struct Director {
     done: usize,
     registrar: Registrar,
     calls: Calls,
-    commands: VecDeque<Command<Order>>,
     filled: usize,
     recount: bool,
-    moves: u64,
-    last_move: Time,
     last_fault: Time,
     /// The end of the latest lease of a command.
     leased: Time,
-    /// Collisions prevented in incarnations that have ended.
-    prevented_before: u64,
-    last_fill: Time,
-    next_check: Time,
-    outcome: Option<(Time, Outcome)>,
-    stall: Option<Stall>,
+}
+
+/// Returns the stage of a goal that has just been opened.
+fn opened(goal: &Goal, now: Time) -> Stage {
+    Stage { cells: goal.len(), filled: 0, opened: now, built: None, known: None }
 }
 
 impl Director {
@@ -73,71 +67,40 @@ impl Director {
         stop: Stop,
         failure: Ratio,
     ) -> Director {
-        let opened = |goal: &Goal| Stage {
-            cells: goal.len(),
-            filled: 0,
-            opened: Time::ZERO,
-            built: None,
-            known: None,
-        };
-        let stages = setup.goals.first().map(opened).into_iter().collect();
         Director {
-            setup,
-            faults: FaultInjector::new(schedule),
-            stop,
+            monitor: RunMonitor::new(schedule, stop),
             failure,
             opening: Opening::of(Epoch::default(), Time::ZERO),
             global_plan: GlobalPlan::default(),
-            stages,
+            stages: setup.goals.first().map(|goal| opened(goal, Time::ZERO)).into_iter().collect(),
+            setup,
             known: vec![Known::default(); modules],
             // Modules are dead until they are started.
             done: modules,
             registrar: Registrar::default(),
             calls: Calls::default(),
-            commands: VecDeque::new(),
             filled: 0,
             recount: true,
-            moves: 0,
-            last_move: Time::ZERO,
             last_fault: Time::ZERO,
             leased: Time::ZERO,
-            prevented_before: 0,
-            last_fill: Time::ZERO,
-            next_check: Time::ZERO,
-            outcome: None,
-            stall: None,
         }
     }
 
-    /// Returns how the run ended, and when; `None` while it goes on.
-    pub fn outcome(&self) -> Option<(Time, Outcome)> {
-        self.outcome
-    }
-    /// Returns the standstill that ended the run, if one did.
-    pub fn stall(&self) -> Option<&Stall> {
-        self.stall.as_ref()
+    /// Returns the faults, the commands and the end of the run.
+    pub fn monitor(&self) -> &RunMonitor<Order> {
+        &self.monitor
     }
     /// Returns the current state of the swarm as the input of a reachability search.
     pub fn snapshot(&self, world: &CubeWorld) -> StandstillSnapshot {
-        let known = (self.known.as_slice(), &self.registrar);
-        snapshot(world, known, self.goal(), self.connectivity(), self.opening.epoch)
-    }
-    /// Returns the effects of the faults so far.
-    pub fn struck(&self) -> &[FaultRecord] {
-        self.faults.struck()
+        self.building().snapshot(world)
     }
     /// Returns all goals so far.
     pub fn stages(&self) -> &[Stage] {
         &self.stages
     }
-    /// Returns how many processes died, and how many were restarted.
-    pub fn crashed_and_restarted(&self) -> (u64, u64) {
-        self.faults.crashed_and_restarted()
-    }
     /// Returns the number of collisions that negotiation has prevented, as reported.
     pub fn prevented(&self) -> u64 {
-        let now: u64 = self.known.iter().filter_map(|k| k.status).map(|s| u64::from(s.prevented)).sum();
-        self.prevented_before + now
+        self.monitor.prevented(self.known.iter().filter_map(|k| k.status).map(|s| s.prevented))
     }
     /// Returns the number of moves that the director led by global plans.
     pub fn led(&self) -> u64 {
@@ -155,7 +118,7 @@ impl Director {
             goal: self.goal().len(),
             filled: self.filled,
             alive: self.alive(),
-            moves: self.moves,
+            moves: self.monitor.done(),
             messages: None,
         }
     }
@@ -164,17 +127,11 @@ impl Director {
         &self.known
     }
 
-    /// Ends the run from outside.
-    pub fn finish(&mut self, now: Time, outcome: Outcome) {
-        if self.outcome.is_none() {
-            self.outcome = Some((now, outcome));
-            self.commands.push_back(Command::Finish);
-        }
+    fn building(&self) -> Building<'_> {
+        Building::of(&self.setup, self.opening.epoch, &self.known, &self.registrar)
     }
-
     fn goal(&self) -> &Goal {
-        // Invariant: the epoch only advances while there is a next goal.
-        &self.setup.goals[usize::from(self.opening.epoch.goal())]
+        self.building().goal
     }
 
     /// Describes the state of a module at the moment of a fault.
@@ -194,15 +151,17 @@ impl Director {
         self.last_fault = now;
         let Some(id) = fault.module() else {
             // The scenario reader refuses obstacles among cubes.
-            let effect = "cubes have no obstacles but each other".to_owned();
-            return self.faults.inject(now, fault, false, effect, &mut self.commands);
+            return self.monitor.inject(now, fault, false, "cubes have no obstacles but each other");
         };
-        let (alive, mut effect, rule) =
-            (self.known[id.index()].alive, self.found(id, world), self.rule(&fault));
+        let (alive, mut effect, rule) = (
+            self.known[id.index()].alive,
+            self.found(id, world),
+            rule(&fault, &self.known, self.opening.epoch),
+        );
         if let Err(rule) = &rule {
             effect = format!("{effect}; refused: {rule}");
         }
-        self.faults.inject(now, fault, alive, effect, &mut self.commands);
+        self.monitor.inject(now, fault, alive, effect);
         match fault {
             Fault::Steer(_, wish) if rule.is_ok() => self.steer(now, id, wish),
             Fault::Stick(_) => world.set_stuck(id, true),
@@ -220,32 +179,13 @@ impl Director {
         };
         let until = now + lease;
         self.leased = self.leased.max(until);
-        self.commands.push_back(Command::Order(id, Order::Steer { steering, until }));
-    }
-
-    /// Returns the rule that refuses a command, and what to do instead.
-    fn rule(&self, fault: &Fault) -> Result<(), String> {
-        let Fault::Steer(id, wish) = *fault else { return Ok(()) };
-        // An unknown module is refused by its number.
-        let Some(known) = self.known.get(id.index()) else { return Ok(()) };
-        if matches!(wish, Wish::Take(..) | Wish::Swap(_)) {
-            return Err(
-                "family: any cube fills any cell of the goal; use `goto`, `hold` or `release`".to_owned()
-            );
-        }
-        if !known.alive {
-            return Err(format!("dead: the process of module {id} is dead; restart it first"));
-        }
-        if known.is_final(self.opening.epoch) {
-            return Err(format!("settled: module {id} fills a cell and stays there until the goal changes"));
-        }
-        Ok(())
+        self.monitor.order(id, Order::Steer { steering, until });
     }
 
     /// Certifies deaths, and forwards who holds the dead.
     fn tell_of_the_dead(&mut self, world: &CubeWorld) {
         let (epoch, seed) = (self.opening.epoch, self.goal().seed());
-        self.registrar.tell(world, &self.known, epoch, seed, &mut self.commands);
+        self.registrar.tell(world, &self.known, epoch, seed, &mut self.monitor.commands);
     }
 
     /// Counts the goal cells that are filled. Returns true if all are.
@@ -263,7 +203,7 @@ impl Director {
         let filled = goal.cells().filter(is_filled).count();
         let is_built = filled == goal.len();
         if filled > self.filled {
-            self.last_fill = now;
+            self.monitor.last_gain = now;
         }
         self.filled = filled;
         if let Some(stage) = self.stages.last_mut() {
@@ -278,16 +218,10 @@ impl Director {
         }
         let next = self.opening.epoch.next_goal();
         if usize::from(next.goal()) == self.setup.goals.len() {
-            return self.finish(now, Outcome::Built);
+            return self.monitor.finish(now, Outcome::Built);
         }
         self.open(Opening::of(next, now));
-        self.stages.push(Stage {
-            cells: self.goal().len(),
-            filled: 0,
-            opened: now,
-            built: None,
-            known: None,
-        });
+        self.stages.push(opened(self.goal(), now));
     }
 
     /// Begins an epoch.
@@ -296,22 +230,18 @@ impl Director {
         self.done = self.count_done();
         self.filled = 0;
         self.recount = true;
-        (self.last_fill, self.last_move) = (opening.opened, opening.opened);
+        (self.monitor.last_gain, self.monitor.last_action) = (opening.opened, opening.opened);
         for id in (0..self.known.len() as u32).map(ModuleId) {
-            self.commands.push_back(Command::Order(id, Order::Goal(opening)));
+            self.monitor.order(id, Order::Goal(opening));
         }
     }
 
     fn watch(&mut self, now: Time, world: &mut CubeWorld) {
-        let motions = world.motions();
         // Moves that fail are no progress: a stuck module tries again and again.
-        if motions.completed != self.moves {
-            self.moves = motions.completed;
-            self.last_move = now;
-        }
-        let is_checked = now >= self.next_check || (self.recount && self.may_be_built());
+        self.monitor.count_actions(now, world.motions().completed);
+        let is_checked = now >= self.monitor.next_check || (self.recount && self.may_be_built());
         if is_checked {
-            self.next_check = now + self.setup.params.move_time;
+            self.monitor.next_check = now + self.setup.params.move_time;
             let is_built = self.count_filled(now, world);
             if self.global_plan.is_under_way() {
                 self.lead(now, world);
@@ -319,26 +249,21 @@ impl Director {
                 return self.next_stage(now);
             }
         }
-        let planned = self.faults.is_pending() || now < self.stop.planned_until || now < self.leased;
-        let changed = self.last_fault.max(self.stop.planned_until).max(self.leased);
-        let idle_since = self.last_move.max(self.last_fill).max(changed);
-        let unfilled_since = self.last_fill.max(changed);
-        if now >= self.stop.timeout {
-            self.stall = Some(self.explain(world, idle_since));
-            self.finish(now, Outcome::Timeout);
-        } else if planned {
-            // Further events are planned.
-        } else if now.since(idle_since) > self.stop.stall {
-            self.stall = Some(self.explain(world, idle_since));
-            self.finish(now, Outcome::Deadlock);
-        } else if now.since(unfilled_since) > self.stop.livelock {
-            self.stall = Some(self.explain(world, unfilled_since));
-            self.finish(now, Outcome::Livelock);
-        } else if is_checked && !self.global_plan.is_under_way() {
+        let (last_move, last_fill, stop) =
+            (self.monitor.last_action, self.monitor.last_gain, self.monitor.stop);
+        let is_planned = self.monitor.is_event_planned(now) || now < self.leased;
+        let no_gain_since = last_fill.max(self.last_fault).max(stop.planned_until).max(self.leased);
+        let idle_since = last_move.max(no_gain_since);
+        let standing = Standing { is_planned, is_stranded: false, idle_since, no_gain_since };
+        if let Some(outcome) = self.monitor.verdict(now, standing) {
+            let since = if outcome == Outcome::Livelock { no_gain_since } else { idle_since };
+            let stall = self.building().diagnose(world, since);
+            self.monitor.give_up(now, outcome, stall);
+        } else if is_checked && !is_planned && !self.global_plan.is_under_way() {
             self.call(now, world);
-            let is_idle = now.since(idle_since) > self.stop.stall / LAST_PATIENCE;
-            let is_jammed = now.since(unfilled_since) > self.stop.livelock / LAST_PATIENCE;
-            let is_healed = self.is_broken() && self.connectivity() != Connectivity::Gradient;
+            let is_idle = now.since(idle_since) > stop.stall / LAST_PATIENCE;
+            let is_jammed = now.since(no_gain_since) > stop.livelock / LAST_PATIENCE;
+            let is_healed = self.is_broken() && self.building().connectivity != Connectivity::Gradient;
             if (is_idle || is_jammed) && is_healed {
                 self.plan_globally(now, world);
             }
@@ -348,9 +273,9 @@ impl Director {
     /// Opens the goal again in a closed epoch, if a global plan is found or looked for.
     fn plan_globally(&mut self, now: Time, world: &CubeWorld) {
         let (goal, when) = (self.opening.epoch.goal(), (now, self.last_fault));
-        let mut global_plan = std::mem::take(&mut self.global_plan);
-        let is_begun = global_plan.begin(when, goal, world, &|| self.snapshot(world), self.swarm());
-        self.global_plan = global_plan;
+        let building = Building::of(&self.setup, self.opening.epoch, &self.known, &self.registrar);
+        let swarm = Swarm { epoch: building.epoch, params: &self.setup.params, known: &self.known };
+        let is_begun = self.global_plan.begin(when, goal, world, &|| building.snapshot(world), swarm);
         if is_begun && let Some(epoch) = self.opening.epoch.reopened() {
             self.open(Opening { epoch, opened: now, is_closed: true });
         }
@@ -358,25 +283,13 @@ impl Director {
 
     /// Carries out a global plan, and opens the whole goal when it is over.
     fn lead(&mut self, now: Time, world: &CubeWorld) {
-        // It reads all but the plan and the commands.
-        let mut global_plan = std::mem::take(&mut self.global_plan);
-        let mut commands = std::mem::take(&mut self.commands);
-        let goes_on = global_plan.lead(
-            (now, self.last_fault),
-            world,
-            &|| self.snapshot(world),
-            self.swarm(),
-            &mut commands,
-        );
-        (self.global_plan, self.commands) = (global_plan, commands);
+        let building = Building::of(&self.setup, self.opening.epoch, &self.known, &self.registrar);
+        let swarm = Swarm { epoch: building.epoch, params: &self.setup.params, known: &self.known };
+        let (when, snapshot) = ((now, self.last_fault), || building.snapshot(world));
+        let goes_on = self.global_plan.lead(when, world, &snapshot, swarm, &mut self.monitor.commands);
         if !goes_on && let Some(epoch) = self.opening.epoch.reopened() {
             self.open(Opening::of(epoch, now));
         }
-    }
-
-    /// Returns the swarm as it is known.
-    fn swarm(&self) -> Swarm<'_> {
-        Swarm { epoch: self.opening.epoch, params: &self.setup.params, known: &self.known }
     }
 
     /// Returns true if a module is dead, has been restarted or cannot move.
@@ -390,18 +303,18 @@ impl Director {
         if !self.is_broken() {
             return;
         }
-        let (last_fill, last_fault, last_move) = (self.last_fill, self.last_fault, self.last_move);
-        let standing = Standing { last_fill, last_fault, last_move, patience: self.stop.stall / PATIENCE };
-        // The search reads all but the calls and the commands.
-        let (mut calls, mut commands) = (std::mem::take(&mut self.calls), std::mem::take(&mut self.commands));
-        let swarm = self.swarm();
-        calls.tend(now, standing, world, &|world| self.snapshot(world), swarm, &mut commands);
-        (self.calls, self.commands) = (calls, commands);
-    }
-
-    /// Returns the connectivity check in use.
-    fn connectivity(&self) -> Connectivity {
-        self.setup.params.connectivity_in(self.opening.epoch)
+        let RunMonitor { last_gain: last_fill, last_action: last_move, stop, commands, .. } =
+            &mut self.monitor;
+        let patience = stop.stall / PATIENCE;
+        let progress = CallProgress {
+            last_fill: *last_fill,
+            last_fault: self.last_fault,
+            last_move: *last_move,
+            patience,
+        };
+        let building = Building::of(&self.setup, self.opening.epoch, &self.known, &self.registrar);
+        let swarm = Swarm { epoch: building.epoch, params: &self.setup.params, known: &self.known };
+        self.calls.tend(now, progress, world, &|world| building.snapshot(world), swarm, commands);
     }
 
     fn may_be_built(&self) -> bool {
@@ -421,11 +334,23 @@ impl Director {
         self.done += usize::from(self.is_done(&known));
         self.done -= usize::from(self.is_done(&before));
     }
+}
 
-    fn explain(&self, world: &mut CubeWorld, since: Time) -> Stall {
-        let connectivity = self.connectivity();
-        diagnose(world, &self.known, self.goal(), connectivity, self.opening.epoch, since)
+/// Returns the rule that refuses a command, and what to do instead.
+fn rule(fault: &Fault, known: &[Known], epoch: Epoch) -> Result<(), String> {
+    let Fault::Steer(id, wish) = *fault else { return Ok(()) };
+    // An unknown module is refused by its number.
+    let Some(known) = known.get(id.index()) else { return Ok(()) };
+    if matches!(wish, Wish::Take(..) | Wish::Swap(_)) {
+        return Err("family: any cube fills any cell of the goal; use `goto`, `hold` or `release`".to_owned());
     }
+    if !known.alive {
+        return Err(format!("dead: the process of module {id} is dead; restart it first"));
+    }
+    if known.is_final(epoch) {
+        return Err(format!("settled: module {id} fills a cell and stays there until the goal changes"));
+    }
+    Ok(())
 }
 
 impl DirectorPort<CubeWorld> for Director {
@@ -440,41 +365,41 @@ impl DirectorPort<CubeWorld> for Director {
         self.recount |= report.role == Role::Final;
         if self.registrar.has_news(id, &report) || self.global_plan.is_under_way() {
             // It is forwarded as soon as the world can be read.
-            self.next_check = Time::ZERO;
+            self.monitor.next_check = Time::ZERO;
         }
         self.learn(id, Known { status: Some(report), ..self.known[id.index()] });
     }
 
     fn died(&mut self, now: Time, id: ModuleId) {
-        self.faults.died(id);
+        self.monitor.faults.died(id);
         self.learn(id, Known { alive: false, ..self.known[id.index()] });
         self.registrar.died(now, id);
         self.recount = true;
         // Deaths are certified as soon as the world can be read.
-        self.next_check = Time::ZERO;
+        self.monitor.next_check = Time::ZERO;
     }
 
     fn external(&mut self, now: Time, id: ModuleId, what: &Outside, world: &CubeWorld) {
         self.last_fault = now;
         let found = self.found(id, world);
-        self.faults.external(now, id, what, &found);
+        self.monitor.faults.external(now, id, what, &found);
     }
     fn started(&mut self, _now: Time, id: ModuleId) {
         let before = self.known[id.index()].status.map_or(0, |s| s.prevented);
-        self.prevented_before += u64::from(before);
+        self.monitor.prevented_before += u64::from(before);
         let restarted = self.registrar.started(id) || self.known[id.index()].restarted;
         self.learn(id, Known { alive: true, restarted, status: None });
         if self.opening.epoch != Epoch::default() {
-            self.commands.push_back(Command::Order(id, Order::Goal(self.opening)));
+            self.monitor.order(id, Order::Goal(self.opening));
         }
     }
 
     fn wake(&mut self, now: Time, world: &mut CubeWorld) {
-        if self.outcome.is_some() {
+        if self.monitor.outcome().is_some() {
             return;
         }
         world.set_failure(self.failure);
-        while let Some(fault) = self.faults.due(now) {
+        while let Some(fault) = self.monitor.faults.due(now) {
             self.inject(now, fault, world);
         }
         self.tell_of_the_dead(world);
@@ -482,30 +407,16 @@ impl DirectorPort<CubeWorld> for Director {
     }
 
     fn input(&mut self, now: Time, kind: &str, bytes: &[u8]) -> Result<(), String> {
-        if self.outcome.is_some() {
-            return Err("the run is over".to_owned());
-        }
-        // The rules read all but the injector.
-        let mut faults = std::mem::take(&mut self.faults);
-        let taken =
-            faults.input_if(now, kind, bytes, self.known.len(), &[], |fault: &Fault| self.rule(fault));
-        self.faults = faults;
-        taken
+        let (known, epoch) = (&self.known, self.opening.epoch);
+        self.monitor.input_if(now, kind, bytes, known.len(), &[], |fault| rule(fault, known, epoch))
     }
-
     fn wake_at(&self) -> Time {
-        if self.outcome.is_some() {
-            return Time::NEVER;
-        }
-        let fault = self.faults.next_at();
-        fault.min(self.next_check).min(self.stop.timeout)
+        self.monitor.wake_at(Time::NEVER)
     }
-
     fn poll(&mut self) -> Option<Command<Order>> {
-        self.commands.pop_front()
+        self.monitor.commands.pop_front()
     }
-
     fn struck(&self) -> &[FaultRecord] {
-        self.faults.struck()
+        self.monitor.struck()
     }
 }

@@ -4,6 +4,7 @@ pub mod commands;
 pub mod fault_injector;
 pub mod faults;
 pub mod link_faults;
+pub mod monitor;
 pub mod operator;
 pub mod outcome;
 pub mod port;

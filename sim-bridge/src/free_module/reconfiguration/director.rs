@@ -3,8 +3,8 @@
 use super::plan_execution::{Known, PlanExecution, Shortage};
 use super::reasons::{DEAD, NO_PLAN, NOT_CARRIED_OUT, SILENT, STUCK, UNDECIDED};
 use super::world::FreeModuleWorld;
-use crate::director::fault_injector::FaultInjector;
 use crate::director::faults::{Fault, FaultRecord, Schedule};
+use crate::director::monitor::{RunMonitor, Standing};
 use crate::director::outcome::{Objective, Outcome, Proof, Stall, Waiter};
 use crate::director::port::DirectorPort;
 use crate::director::progress::{Progress, Stage, Stop};
@@ -19,7 +19,6 @@ use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
-use std::collections::VecDeque;
 use std::sync::Arc;
 
 pub use super::plan_execution::{PLANNING_RATE, PlanCounts};
@@ -41,15 +40,10 @@ pub struct Course {
 /// The director of free modules.
 pub struct FreeModuleDirector {
     setup: Arc<Setup>,
-    faults: FaultInjector,
-    stop: Stop,
+    monitor: RunMonitor<Order>,
     failure: Ratio,
     known: Vec<Known>,
     execution: PlanExecution,
-    commands: VecDeque<Command<Order>>,
-    prevented_before: u64,
-    /// Actions completed, at the last look.
-    done: u64,
     /// Actions that have ended, at the last look.
     ended: u64,
     /// Joined faces of the goal, and how many of them there are.
@@ -57,11 +51,6 @@ pub struct FreeModuleDirector {
     /// Whether the bodies form the goal.
     is_reached: bool,
     built: Option<Time>,
-    last_action: Time,
-    last_gain: Time,
-    next_check: Time,
-    outcome: Option<(Time, Outcome)>,
-    stall: Option<Stall>,
 }
 
 impl FreeModuleDirector {
@@ -71,45 +60,27 @@ impl FreeModuleDirector {
         FreeModuleDirector {
             execution: PlanExecution::new(Arc::clone(&setup), planner),
             setup,
-            faults: FaultInjector::new(schedule),
-            stop,
+            monitor: RunMonitor::new(schedule, stop),
             failure,
             known: vec![Known::default(); modules],
-            commands: VecDeque::new(),
-            prevented_before: 0,
-            done: 0,
             ended: 0,
-            is_reached: false,
             joined: (0, 0),
+            is_reached: false,
             built: None,
-            last_action: Time::ZERO,
-            last_gain: Time::ZERO,
-            next_check: Time::ZERO,
-            outcome: None,
-            stall: None,
         }
     }
 
-    /// Returns how the run ended, and when; `None` while it goes on.
-    pub fn outcome(&self) -> Option<(Time, Outcome)> {
-        self.outcome
-    }
-    /// Returns the standstill that ended the run, if one did.
-    pub fn stall(&self) -> Option<&Stall> {
-        self.stall.as_ref()
+    /// Returns the faults, the commands and the end of the run.
+    pub fn monitor(&self) -> &RunMonitor<Order> {
+        &self.monitor
     }
     /// Returns what has been planned and ordered.
     pub fn plan_counts(&self) -> PlanCounts {
         self.execution.counts
     }
-    /// Returns how many processes died, and how many were restarted.
-    pub fn crashed_and_restarted(&self) -> (u64, u64) {
-        self.faults.crashed_and_restarted()
-    }
     /// Returns the number of branch locks that were refused.
     pub fn prevented(&self) -> u64 {
-        let now = self.known.iter().filter_map(|k| k.status).map(|s| u64::from(s.prevented)).sum::<u64>();
-        self.prevented_before + now
+        self.monitor.prevented(self.known.iter().filter_map(|k| k.status).map(|s| s.prevented))
     }
     /// Returns the progress of the run: joined faces of the goal stand for cells.
     pub fn progress(&self) -> Progress {
@@ -119,7 +90,7 @@ impl FreeModuleDirector {
             goal: self.joined.0,
             filled: self.joined.1,
             alive: self.known.iter().filter(|k| k.alive).count(),
-            moves: self.done,
+            moves: self.monitor.done(),
             messages: None,
         }
     }
@@ -127,13 +98,6 @@ impl FreeModuleDirector {
     pub fn stage(&self) -> Stage {
         let (cells, filled) = self.joined;
         Stage { cells, filled, opened: Time::ZERO, built: self.built, known: self.built }
-    }
-
-    fn finish(&mut self, now: Time, outcome: Outcome) {
-        if self.outcome.is_none() {
-            self.outcome = Some((now, outcome));
-            self.commands.push_back(Command::Finish);
-        }
     }
 
     fn found(&self, id: ModuleId, world: &FreeModuleWorld) -> String {
@@ -147,13 +111,12 @@ impl FreeModuleDirector {
 
     fn inject(&mut self, now: Time, fault: Fault, world: &mut FreeModuleWorld) {
         // A fault or its end may resolve a standstill.
-        self.last_action = now;
+        self.monitor.last_action = now;
         let Some(id) = fault.module() else {
-            let effect = "free modules have no such fault".to_owned();
-            return self.faults.inject(now, fault, false, effect, &mut self.commands);
+            return self.monitor.inject(now, fault, false, "free modules have no such fault");
         };
         let (alive, effect) = (self.known[id.index()].alive, self.found(id, world));
-        self.faults.inject(now, fault, alive, effect, &mut self.commands);
+        self.monitor.inject(now, fault, alive, effect);
         match fault {
             Fault::Restart(_) => self.known[id.index()].restarting = true,
             Fault::Kill(_) => self.known[id.index()].restarting = false,
@@ -172,9 +135,7 @@ impl FreeModuleDirector {
     fn measure(&mut self, now: Time, world: &FreeModuleWorld) {
         let counts = world.counts();
         let done = counts.turns + counts.sides;
-        if done != self.done {
-            (self.done, self.last_action) = (done, now);
-        }
+        self.monitor.count_actions(now, done);
         let ended = done + counts.failed;
         if ended == self.ended && self.joined != (0, 0) {
             return;
@@ -187,34 +148,31 @@ impl FreeModuleDirector {
         // All labels may be there in another shape.
         let joined = if self.is_reached { goal } else { joined.min(goal.saturating_sub(1)) };
         if joined > self.joined.1 {
-            self.last_gain = now;
+            self.monitor.last_gain = now;
         }
         self.joined = (goal, joined);
     }
 
     fn watch(&mut self, now: Time, world: &FreeModuleWorld) {
-        self.next_check = now + self.setup.turn_time;
+        self.monitor.next_check = now + self.setup.turn_time;
         self.measure(now, world);
         // The steps that have led there are confirmed first.
         if self.is_reached && !self.execution.is_moving() {
             self.built = Some(now);
-            return self.finish(now, Outcome::Built);
+            return self.monitor.finish(now, Outcome::Built);
         }
-        let planned = self.faults.is_pending() || now < self.stop.planned_until;
-        let idle_since = self.last_action.max(self.stop.planned_until);
-        let outcome = if now >= self.stop.timeout {
-            Outcome::Timeout
-        } else if planned {
-            return;
-        } else if self.is_stranded(now, idle_since) || now.since(idle_since) > self.stop.stall {
-            Outcome::Deadlock
-        } else if now.since(self.last_gain.max(self.stop.planned_until)) > self.stop.livelock {
-            Outcome::Livelock
-        } else {
-            return;
+        let planned_until = self.monitor.stop.planned_until;
+        let idle_since = self.monitor.last_action.max(planned_until);
+        let standing = Standing {
+            is_planned: self.monitor.is_event_planned(now),
+            is_stranded: self.is_stranded(now, idle_since),
+            idle_since,
+            no_gain_since: self.monitor.last_gain.max(planned_until),
         };
-        self.stall = Some(self.explain(idle_since));
-        self.finish(now, outcome);
+        if let Some(outcome) = self.monitor.verdict(now, standing) {
+            let stall = self.explain(idle_since);
+            self.monitor.give_up(now, outcome, stall);
+        }
     }
 
     /// Returns true if there is no plan, and no module that was silent has answered for a while.
@@ -263,20 +221,20 @@ impl DirectorPort<FreeModuleWorld> for FreeModuleDirector {
         if self.execution.is_resting() && (has_moved || self.execution.is_silent(id)) {
             self.execution.disturb();
         }
-        self.next_check = Time::ZERO;
+        self.monitor.next_check = Time::ZERO;
     }
 
     fn died(&mut self, _now: Time, id: ModuleId) {
-        self.faults.died(id);
+        self.monitor.faults.died(id);
         self.known[id.index()].alive = false;
         self.execution.disturb();
-        self.next_check = Time::ZERO;
+        self.monitor.next_check = Time::ZERO;
     }
 
     fn external(&mut self, now: Time, id: ModuleId, what: &Outside, world: &FreeModuleWorld) {
-        self.last_action = now;
+        self.monitor.last_action = now;
         let found = self.found(id, world);
-        self.faults.external(now, id, what, &found);
+        self.monitor.faults.external(now, id, what, &found);
     }
 
     fn started(&mut self, _now: Time, id: ModuleId) {
@@ -289,49 +247,39 @@ impl DirectorPort<FreeModuleWorld> for FreeModuleDirector {
         if before.status.is_some() || self.execution.has_given_up(id) {
             self.execution.disturb();
         }
-        self.prevented_before += before.status.map_or(0, |s| u64::from(s.prevented));
-        self.next_check = Time::ZERO;
+        self.monitor.prevented_before += before.status.map_or(0, |s| u64::from(s.prevented));
+        self.monitor.next_check = Time::ZERO;
     }
 
     fn wake(&mut self, now: Time, world: &mut FreeModuleWorld) {
-        if self.outcome.is_some() {
+        if self.monitor.outcome().is_some() {
             return;
         }
         // Processes on the process link are not up at time zero.
         world.set_failure(self.failure);
-        while let Some(fault) = self.faults.due(now) {
+        while let Some(fault) = self.monitor.faults.due(now) {
             self.inject(now, fault, world);
         }
         let unheard = |k: &Known| !k.alive || k.status.is_none();
         for (id, known) in (0..).map(ModuleId).zip(&mut self.known).filter(|(_, k)| unheard(k)) {
             known.body = world.place(id);
         }
-        for done in self.execution.step(now, &self.known, &mut self.commands) {
+        for done in self.execution.step(now, &self.known, &mut self.monitor.commands) {
             world.confirm(now, done.epoch, done.index, &done.sides, &done.after);
         }
         self.watch(now, world);
     }
 
     fn input(&mut self, now: Time, kind: &str, bytes: &[u8]) -> Result<(), String> {
-        if self.outcome.is_some() {
-            return Err("the run is over".to_owned());
-        }
-        self.faults.input(now, kind, bytes, self.known.len(), &[])
+        self.monitor.input(now, kind, bytes, self.known.len())
     }
-
     fn wake_at(&self) -> Time {
-        if self.outcome.is_some() {
-            return Time::NEVER;
-        }
-        let execution = self.execution.wake_at();
-        self.faults.next_at().min(self.next_check).min(self.stop.timeout).min(execution)
+        self.monitor.wake_at(self.execution.wake_at())
     }
-
     fn poll(&mut self) -> Option<Command<Order>> {
-        self.commands.pop_front()
+        self.monitor.commands.pop_front()
     }
-
     fn struck(&self) -> &[FaultRecord] {
-        self.faults.struck()
+        self.monitor.struck()
     }
 }

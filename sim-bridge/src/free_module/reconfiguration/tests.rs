@@ -109,12 +109,12 @@ impl Run {
         let (violations, _) = sim.violations();
         violations.iter().for_each(|v| eprintln!("{v}"));
         Ran {
-            outcome: sim.director().outcome().map(|(_, outcome)| outcome),
-            stall: sim.director().stall().cloned(),
+            outcome: sim.director().monitor().outcome().map(|(_, outcome)| outcome),
+            stall: sim.director().monitor().stall().cloned(),
             plan: sim.director().plan_counts(),
             broken: violations.iter().map(|v| v.invariant).collect(),
             trace: sim.trace().value(),
-            crashed: sim.director().crashed_and_restarted().0,
+            crashed: sim.director().monitor().crashed_and_restarted().0,
         }
     }
 }

@@ -5,8 +5,8 @@ use super::goal::Goal;
 use super::measure::{Measure, Movement, WINDOW};
 use super::reasons::{DEAD, NO_JOINT, SLOW, STILL};
 use super::tuner::{Gait, Tuner};
-use crate::director::fault_injector::FaultInjector;
 use crate::director::faults::{Fault, FaultRecord, Schedule};
+use crate::director::monitor::{RunMonitor, Standing};
 use crate::director::outcome::{Objective, Outcome, Stall, Waiter};
 use crate::director::port::DirectorPort;
 use crate::director::progress::{Progress, Stage, Stop};
@@ -22,7 +22,7 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The time between two looks at the structure.
 const LOOK: Span = Span::millis(100);
@@ -84,11 +84,14 @@ enum State {
     Helpless,
 }
 
-/// The director of a walking structure.
+/// The director of a walking structure. Its actions are movements of the structure, its gain is the speed of the goal.
 pub struct WalkDirector {
+    monitor: RunMonitor<Order>,
     modules: usize,
-    course: Course,
-    faults: FaultInjector,
+    goal: Goal,
+    tuner: Box<dyn Tuner>,
+    /// How long a gait is tried.
+    trial: Span,
     members: Members,
     /// What agents have reported since the structure changed last.
     agreed: BTreeMap<ModuleId, u64>,
@@ -102,23 +105,20 @@ pub struct WalkDirector {
     reference: Option<f64>,
     situations: Vec<Situation>,
     measure: Measure,
-    next_look: Time,
-    last_moved: Time,
-    last_fast: Time,
     fast_since: Option<Time>,
     walked: Option<Time>,
-    commands: VecDeque<Command<Order>>,
-    outcome: Option<(Time, Outcome)>,
-    stall: Option<Stall>,
 }
 
 impl WalkDirector {
     /// Creates the director of this many modules.
     pub fn new(modules: usize, course: Course) -> WalkDirector {
+        let Course { goal, tuner, trial, schedule, stop } = course;
         WalkDirector {
+            monitor: RunMonitor::new(schedule, stop),
             modules,
-            faults: FaultInjector::new(course.schedule.clone()),
-            course,
+            goal,
+            tuner,
+            trial,
             members: Members::default(),
             agreed: BTreeMap::new(),
             state: State::Settling(Time::ZERO + REST, Time::ZERO + AGREE),
@@ -128,28 +128,14 @@ impl WalkDirector {
             reference: None,
             situations: Vec::new(),
             measure: Measure::default(),
-            next_look: Time::ZERO,
-            last_moved: Time::ZERO,
-            last_fast: Time::ZERO,
             fast_since: None,
             walked: None,
-            commands: VecDeque::new(),
-            outcome: None,
-            stall: None,
         }
     }
 
-    /// Returns how the run ended, and when; `None` while it goes on.
-    pub fn outcome(&self) -> Option<(Time, Outcome)> {
-        self.outcome
-    }
-    /// Returns the standstill that ended the run, if one did.
-    pub fn stall(&self) -> Option<&Stall> {
-        self.stall.as_ref()
-    }
-    /// Returns how many processes died, and how many were restarted.
-    pub fn crashed_and_restarted(&self) -> (u64, u64) {
-        self.faults.crashed_and_restarted()
+    /// Returns the faults, the commands and the end of the run.
+    pub fn monitor(&self) -> &RunMonitor<Order> {
+        &self.monitor
     }
     /// Returns what was done, in order.
     pub fn situations(&self) -> &[Situation] {
@@ -171,10 +157,10 @@ impl WalkDirector {
 
     /// Returns the seconds asked for, and those for which the structure has been fast enough without a break.
     fn seconds(&self) -> (usize, usize) {
-        let asked = self.course.goal.time;
+        let asked = self.goal.time;
         let held = match (self.walked, self.fast_since) {
             (Some(_), _) => asked,
-            (None, Some(since)) => self.last_fast.since(since).min(asked),
+            (None, Some(since)) => self.monitor.last_gain.since(since).min(asked),
             (None, None) => Span::ZERO,
         };
         let whole = |span: Span| span.as_secs_f64() as usize;
@@ -192,13 +178,6 @@ impl WalkDirector {
         Stage { cells, filled, opened: Time::ZERO, built: self.walked, known: self.walked }
     }
 
-    fn finish(&mut self, now: Time, outcome: Outcome) {
-        if self.outcome.is_none() {
-            self.outcome = Some((now, outcome));
-            self.commands.push_back(Command::Finish);
-        }
-    }
-
     /// Returns what a fault found.
     fn found(&self, id: ModuleId) -> String {
         let doing = match self.state {
@@ -212,13 +191,12 @@ impl WalkDirector {
 
     fn inject<P: Physics>(&mut self, now: Time, fault: Fault, world: &mut PhysicsWorld<P>) {
         // A fault or its end may resolve a standstill.
-        (self.last_moved, self.last_fast) = (now, now);
+        (self.monitor.last_action, self.monitor.last_gain) = (now, now);
         let Some(id) = fault.module() else {
-            let effect = "free modules have no such fault".to_owned();
-            return self.faults.inject(now, fault, false, effect, &mut self.commands);
+            return self.monitor.inject(now, fault, false, "free modules have no such fault");
         };
         let (alive, effect) = (self.members.is_alive(id), self.found(id));
-        self.faults.inject(now, fault, alive, effect, &mut self.commands);
+        self.monitor.inject(now, fault, alive, effect);
         match fault {
             Fault::Stick(_) => world.set_stuck(id, true),
             Fault::Unstick(_) => world.set_stuck(id, false),
@@ -230,7 +208,7 @@ impl WalkDirector {
     fn settle(&mut self, now: Time) {
         self.agreed.clear();
         self.state = State::Settling(now, now + AGREE);
-        self.next_look = Time::ZERO;
+        self.monitor.next_check = Time::ZERO;
     }
 
     /// Returns true if all living agents use the same structure.
@@ -252,7 +230,7 @@ impl WalkDirector {
             best_mm_s: None,
             kept: None,
         });
-        match self.course.tuner.begin(&dead, &self.gait.1) {
+        match self.tuner.begin(&dead, &self.gait.1) {
             Some(gait) => self.try_gait(now, gait),
             None => self.state = State::Helpless,
         }
@@ -273,7 +251,7 @@ impl WalkDirector {
         // A run ends long before the numbers do.
         self.epoch = self.epoch.saturating_add(1);
         let orders: Vec<_> = self.members.alive().map(|id| self.order_of(id)).collect();
-        self.commands.extend(orders);
+        self.monitor.commands.extend(orders);
     }
     fn order_of(&self, id: ModuleId) -> Command<Order> {
         let (start, gait) = &self.gait;
@@ -292,10 +270,10 @@ impl WalkDirector {
             situation.best_mm_s = best;
         }
         let reference = *self.reference.get_or_insert(speed);
-        let expected = self.course.tuner.expected().map_or(reference, |expected| expected.min(reference));
-        let enough = self.course.goal.least().unwrap_or(ENOUGH * expected);
+        let expected = self.tuner.expected().map_or(reference, |expected| expected.min(reference));
+        let enough = self.goal.least().unwrap_or(ENOUGH * expected);
         if speed < enough
-            && let Some(next) = self.course.tuner.tell(speed)
+            && let Some(next) = self.tuner.tell(speed)
         {
             return self.try_gait(now, next);
         }
@@ -312,18 +290,18 @@ impl WalkDirector {
 
     /// Returns the speed over the last [`WINDOW`] that counts for the goal.
     fn speed(&self) -> Option<f64> {
-        self.measure.recent().map(|movement: Movement| self.course.goal.speed(&movement))
+        self.measure.recent().map(|movement: Movement| self.goal.speed(&movement))
     }
 
     /// Looks how the structure walks.
     fn look<P: Physics>(&mut self, now: Time, world: &PhysicsWorld<P>) {
-        self.next_look = now + LOOK;
+        self.monitor.next_check = now + LOOK;
         if self.epoch > 1 || (self.epoch == 1 && now >= self.gait.0) {
             let physics = world.physics();
             let [x, y, _] = physics.centre_of_mass();
             let modules = (0..self.modules as u32).map(|m| physics.pose(ModuleId(m), 1).position);
             let modules = modules.map(|[x, y, _]| [x, y]).collect();
-            self.measure.add(now, [x, y], modules, WINDOW.max(self.course.trial));
+            self.measure.add(now, [x, y], modules, WINDOW.max(self.trial));
         }
         match self.state {
             State::Settling(earliest, latest) => {
@@ -332,10 +310,9 @@ impl WalkDirector {
                 }
             }
             State::Trying(start) => {
-                if now >= start + self.course.trial {
-                    let from = start + Span(self.course.trial.0 / 3);
-                    let speed =
-                        self.measure.since(from).map_or(0.0, |movement| self.course.goal.speed(&movement));
+                if now >= start + self.trial {
+                    let from = start + Span(self.trial.0 / 3);
+                    let speed = self.measure.since(from).map_or(0.0, |movement| self.goal.speed(&movement));
                     let collided = world.collided().is_some_and(|at| at >= from);
                     self.tried(now, if collided { speed * COLLIDED } else { speed });
                 }
@@ -353,49 +330,48 @@ impl WalkDirector {
     fn watch<P: Physics>(&mut self, now: Time, world: &PhysicsWorld<P>) {
         let moves = self.measure.recent().is_none_or(|movement| movement.speed() >= STANDING);
         if moves {
-            self.last_moved = now;
+            self.monitor.last_action = now;
         }
-        if self.speed().is_some_and(|speed| speed >= self.course.goal.speed_mm_s) {
+        if self.speed().is_some_and(|speed| speed >= self.goal.speed_mm_s) {
             self.fast_since.get_or_insert(now);
-            self.last_fast = now;
+            self.monitor.last_gain = now;
         } else {
             self.fast_since = None;
         }
-        let planned = self.faults.is_pending() || now < self.course.stop.planned_until;
-        let held = self.fast_since.is_some_and(|since| now.since(since) >= self.course.goal.time);
+        let is_planned = self.monitor.is_event_planned(now);
+        let held = self.fast_since.is_some_and(|since| now.since(since) >= self.goal.time);
         if world.is_broken() {
-            return self.finish(now, Outcome::Unsafe);
+            return self.monitor.finish(now, Outcome::Unsafe);
         }
-        if held && !planned {
+        if held && !is_planned {
             self.walked = Some(now);
-            return self.finish(now, Outcome::Built);
+            return self.monitor.finish(now, Outcome::Built);
         }
-        let quiet = self.course.stop.planned_until;
-        let (reason, since, outcome) = if now >= self.course.stop.timeout {
-            (SLOW, self.last_fast, Outcome::Timeout)
-        } else if planned {
-            return;
-        } else if self.state == State::Helpless {
-            (NO_JOINT, self.last_moved, Outcome::Deadlock)
-        } else if now.since(self.last_moved.max(quiet)) > self.course.stop.stall {
-            (STILL, self.last_moved, Outcome::Deadlock)
-        } else if now.since(self.last_fast.max(quiet)) > self.course.stop.livelock {
-            (SLOW, self.last_fast, Outcome::Livelock)
-        } else {
-            return;
+        let (last_moved, last_fast) = (self.monitor.last_action, self.monitor.last_gain);
+        let standing = Standing {
+            is_planned,
+            is_stranded: self.state == State::Helpless,
+            idle_since: last_moved.max(self.monitor.stop.planned_until),
+            no_gain_since: last_fast.max(self.monitor.stop.planned_until),
+        };
+        let Some(outcome) = self.monitor.verdict(now, standing) else { return };
+        let (reason, since) = match outcome {
+            Outcome::Deadlock if standing.is_stranded => (NO_JOINT, last_moved),
+            Outcome::Deadlock => (STILL, last_moved),
+            _ => (SLOW, last_fast),
         };
         let waiting = self.members.dead().map(|module| Waiter { module, on: None, why: DEAD });
-        self.stall = Some(Stall {
+        let stall = Stall {
             since,
             reason,
             text: reason.text,
-            open: vec![Objective { text: self.course.goal.to_string(), cell: None }],
+            open: vec![Objective { text: self.goal.to_string(), cell: None }],
             wait_cycle: Vec::new(),
             waiting: waiting.collect(),
             detected: None,
             proof: None,
-        });
-        self.finish(now, outcome);
+        };
+        self.monitor.give_up(now, outcome, stall);
     }
 }
 
@@ -407,57 +383,48 @@ impl<P: Physics> DirectorPort<PhysicsWorld<P>> for WalkDirector {
     }
 
     fn died(&mut self, now: Time, id: ModuleId) {
-        self.faults.died(id);
-        self.members.died(id, &mut self.commands);
+        self.monitor.faults.died(id);
+        self.members.died(id, &mut self.monitor.commands);
         self.settle(now);
     }
 
     fn external(&mut self, now: Time, id: ModuleId, what: &Outside, _: &PhysicsWorld<P>) {
-        (self.last_moved, self.last_fast) = (now, now);
+        (self.monitor.last_action, self.monitor.last_gain) = (now, now);
         let found = self.found(id);
-        self.faults.external(now, id, what, &found);
+        self.monitor.faults.external(now, id, what, &found);
     }
 
     fn started(&mut self, now: Time, id: ModuleId) {
-        self.members.started(id, &mut self.commands);
+        self.members.started(id, &mut self.monitor.commands);
         if self.epoch > 0 {
-            self.commands.push_back(self.order_of(id));
+            self.monitor.commands.push_back(self.order_of(id));
             self.settle(now);
         }
     }
 
     fn wake(&mut self, now: Time, world: &mut PhysicsWorld<P>) {
-        if self.outcome.is_some() {
+        if self.monitor.outcome().is_some() {
             return;
         }
-        while let Some(fault) = self.faults.due(now) {
+        while let Some(fault) = self.monitor.faults.due(now) {
             self.inject(now, fault, world);
         }
-        if now >= self.next_look {
+        if now >= self.monitor.next_check {
             self.look(now, world);
             self.watch(now, world);
         }
     }
 
     fn input(&mut self, now: Time, kind: &str, bytes: &[u8]) -> Result<(), String> {
-        if self.outcome.is_some() {
-            return Err("the run is over".to_owned());
-        }
-        self.faults.input(now, kind, bytes, self.modules, &[])
+        self.monitor.input(now, kind, bytes, self.modules)
     }
-
     fn wake_at(&self) -> Time {
-        if self.outcome.is_some() {
-            return Time::NEVER;
-        }
-        self.faults.next_at().min(self.next_look).min(self.course.stop.timeout)
+        self.monitor.wake_at(Time::NEVER)
     }
-
     fn poll(&mut self) -> Option<Command<Order>> {
-        self.commands.pop_front()
+        self.monitor.commands.pop_front()
     }
-
     fn struck(&self) -> &[FaultRecord] {
-        self.faults.struck()
+        self.monitor.struck()
     }
 }

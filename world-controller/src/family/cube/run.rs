@@ -52,16 +52,16 @@ impl Runnable for Cubes {
         director.progress()
     }
     fn account(&self, plan: &Plan, director: &Director, world: &CubeWorld) -> RunResult {
-        let (crashed, restarted) = director.crashed_and_restarted();
+        let (crashed, restarted) = director.monitor().crashed_and_restarted();
         let motions = world.motions();
         RunResult {
-            ended: director.outcome(),
+            ended: director.monitor().outcome(),
             progress: director.progress(),
             crashed,
             restarted,
-            stall: director.stall().cloned(),
-            snapshot: director.stall().map(|_| Box::new(director.snapshot(world)) as _),
-            struck: director.struck().to_vec(),
+            stall: director.monitor().stall().cloned(),
+            snapshot: director.monitor().stall().map(|_| Box::new(director.snapshot(world)) as _),
+            struck: director.monitor().struck().to_vec(),
             prevented: director.prevented(),
             stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),
             bodies: MoveReport { led: director.led(), ..move_report(&motions) },

@@ -11,7 +11,6 @@ use metamorph_protocol::assembly::action::Connectors;
 use metamorph_protocol::assembly::checker::Physics;
 use metamorph_protocol::free_module::reconfiguration::Setup;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::free_module::reconfiguration::director::{Course, FreeModuleDirector};
 use metamorph_sim_bridge::free_module::reconfiguration::world::FreeModuleWorld;
@@ -50,7 +49,7 @@ impl Runnable for FreeModules {
         director.progress()
     }
     fn account(&self, plan: &Plan, director: &FreeModuleDirector, world: &FreeModuleWorld) -> RunResult {
-        let (crashed, restarted) = director.crashed_and_restarted();
+        let (crashed, restarted) = director.monitor().crashed_and_restarted();
         let (counts, p) = (world.counts(), director.plan_counts());
         let bodies = MoveReport {
             started: counts.started,
@@ -82,13 +81,13 @@ impl Runnable for FreeModules {
             },
         };
         RunResult {
-            ended: director.outcome(),
+            ended: director.monitor().outcome(),
             progress: director.progress(),
             crashed,
             restarted,
-            stall: director.stall().cloned(),
+            stall: director.monitor().stall().cloned(),
             snapshot: None,
-            struck: director.struck().to_vec(),
+            struck: director.monitor().struck().to_vec(),
             prevented: director.prevented(),
             stages: plan.stages.iter().map(|plan| stage(&plan.name, &director.stage())).collect(),
             moves: counts.attached,

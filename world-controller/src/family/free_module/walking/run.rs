@@ -9,7 +9,6 @@ use crate::run::runnable::{Runnable, stage};
 use crate::scenario::Plan;
 use metamorph_protocol::free_module::gait::Setup;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::free_module::physics::{Physics, TICK};
 use metamorph_sim_bridge::free_module::physics_world::PhysicsWorld;
@@ -72,7 +71,7 @@ impl Runnable for Walk {
         director.progress()
     }
     fn account(&self, plan: &Plan, director: &WalkDirector, world: &World) -> RunResult {
-        let (crashed, restarted) = director.crashed_and_restarted();
+        let (crashed, restarted) = director.monitor().crashed_and_restarted();
         let (time, distance_mm, path_mm) = director.way();
         let report = WalkReport {
             body: super::BODY.to_owned(),
@@ -88,13 +87,13 @@ impl Runnable for Walk {
             situations: director.situations().iter().map(situation).collect(),
         };
         RunResult {
-            ended: director.outcome(),
+            ended: director.monitor().outcome(),
             progress: director.progress(),
             crashed,
             restarted,
-            stall: director.stall().cloned(),
+            stall: director.monitor().stall().cloned(),
             snapshot: None,
-            struck: DirectorPort::<World>::struck(director).to_vec(),
+            struck: director.monitor().struck().to_vec(),
             prevented: 0,
             stages: plan.stages.iter().map(|plan| stage(&plan.name, &director.stage())).collect(),
             moves: director.gaits(),
