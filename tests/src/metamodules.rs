@@ -297,13 +297,13 @@ impl Assembly {
         while !sim.run_until(sim.now() + TURN * 1_000) {}
         let (violations, broken) = sim.violations();
         Assembled {
-            outcome: sim.director().outcome(),
-            stall: sim.director().stall().cloned(),
+            outcome: sim.director().monitor().outcome(),
+            stall: sim.director().monitor().stall().cloned(),
             detected: sim.director().detected(),
             alarms: sim.director().alarms(),
             filled: sim.director().progress().filled,
             shift: sim.director().task().shift,
-            struck: sim.director().struck().to_vec(),
+            struck: sim.director().monitor().struck().to_vec(),
             violations: violations.to_vec(),
             broken,
             tally: *sim.tally(),

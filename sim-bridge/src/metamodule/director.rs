@@ -1,49 +1,59 @@
 //! The director of metamodules: opens seeds level by level in the order of the blueprint, injects faults,
 //! certifies deaths, watches progress and decides how the run ends.
+//!
+//! It consists of parts, each in a file of its own. A part changes only itself; what else it needs it is lent, as a
+//! [`View`](view::View) or by name. This file and `injection` are where one part's result changes another.
 
 mod diagnosis;
 mod elements;
+mod goal;
 mod injection;
+mod leases;
+mod members;
 pub mod picture;
 mod plan_execution;
+mod relocation;
+mod rules;
+mod view;
 
-use crate::director::fault_injector::FaultInjector;
-use crate::director::faults::{Fault, FaultRecord, Schedule};
+use crate::director::faults::{FaultRecord, Schedule};
+use crate::director::monitor::{RunMonitor, Standing};
 use crate::director::operator::{Habits, Level, Operator};
-use crate::director::outcome::{Outcome, Stall};
+use crate::director::outcome::Outcome;
 use crate::director::port::DirectorPort;
 use crate::director::progress::{Progress, Stage, Stop};
 use crate::metamodule::faults::{COMMANDS, DROP, OBSTACLE, OBSTACLE_GONE};
-use crate::metamodule::relocation::{Elsewhere, Shift, Trials, clear_places};
+use crate::metamodule::relocation::Shift;
 use crate::metamodule::world::MetamoduleWorld;
-use injection::Commanded;
+use diagnosis::Diagnosis;
+use elements::Elements;
+use goal::Goal;
+use leases::Leases;
+use members::Members;
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedOrder, SeedSet, Task};
+use metamorph_protocol::metamodule::blueprint::{SeedSet, Task};
 use metamorph_protocol::metamodule::message::{Order, Status};
-use metamorph_protocol::metamodule::params::{SeedAuthority, Setup, Strategy};
-use metamorph_protocol::metamodule::planning::cooperative::{SearchResult, Standstill, WORK, search};
+use metamorph_protocol::metamodule::params::{Setup, Strategy};
+use metamorph_protocol::metamodule::planning::cooperative::Standstill;
 use metamorph_protocol::metamodule::planning::transport::Scenes;
 use metamorph_protocol::metamodule::tuning::Tuning;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
+use picture::Picture;
 use plan_execution::PlanExecution;
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use relocation::Relocation;
+use rules::Rules;
 use std::sync::Arc;
+use view::View;
 
-pub use injection::refused_at;
+pub use goal::GoalChange;
 pub use plan_execution::{PLANNING_RATE, PlanCounts};
+pub use rules::refused_at;
 
-/// What is known of a metamodule.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Known {
-    alive: bool,
-    status: Option<Status>,
-    /// When it last moved, or came to its place.
-    progress: Time,
-}
+/// The number of the scripted operator of a run, which is that of the first person at a page.
+const SCRIPTED: u16 = 1;
 
 /// The course of a run.
 #[derive(Clone, Debug)]
@@ -74,570 +84,310 @@ pub struct MetamodulePlan {
     pub scenes: Scenes,
 }
 
-/// A change of the goal while it is built.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum GoalChange {
-    /// The director moved it, by this much along x and y, to a place where it could be built.
-    Relocated(Shift),
-    /// A command moved it.
-    Moved(Shift),
-    /// A command turned it by so many quarters.
-    Turned(u8),
-    /// A command gave its seeds another order.
-    Ordered(SeedOrder),
-    /// A command gave it up.
-    Dropped,
-    /// A command took it up again after it had been given up.
-    Resumed,
-}
-
 /// The director of a swarm of metamodules.
 pub struct MetamoduleDirector {
     setup: Arc<Setup>,
-    faults: FaultInjector,
-    changes: VecDeque<(Time, u8)>,
-    relocate: bool,
-    trials: Trials,
-    /// True if the goal has been moved.
-    moved: bool,
-    /// What was done to the goal since it is built.
-    goal_changes: Vec<GoalChange>,
-    /// The result of the last search for another place, at the last standstill.
-    elsewhere: Option<Elsewhere>,
-    /// The task and the filled seeds at which all metamodules were last found to have no path.
-    out_of_reach: Option<(Task, SeedSet)>,
-    stop: Stop,
-    failure: Ratio,
-    task: Task,
-    /// An entry for every goal so far, the current one last.
-    stages: Vec<Stage>,
-    known: Vec<Known>,
-    /// Cells with a foreign object in them, as announced.
-    obstacles: BTreeSet<Cell>,
-    /// Dead metamodules whose death has not been announced yet.
-    untold: BTreeSet<ModuleId>,
-    dead: BTreeSet<ModuleId>,
-    commands: VecDeque<Command<Order>>,
-    filled: SeedSet,
-    told: Option<(Task, SeedSet)>,
-    /// Locks refused in incarnations that have ended.
-    prevented_before: u64,
-    done: u64,
-    moves: u64,
-    last_action: Time,
-    last_fill: Time,
-    next_check: Time,
-    outcome: Option<(Time, Outcome)>,
-    stall: Option<Stall>,
-    follow: bool,
-    detected: Option<(Time, ModuleId)>,
-    alarms: u32,
-    /// The execution of plans under the strategy `planned`; `None` under the others.
-    execution: Option<PlanExecution>,
-    operator: Option<Operator>,
-    /// What metamodules were commanded last.
-    leases: BTreeMap<ModuleId, Commanded>,
-    /// How much metamodules decide for themselves. If they hold when they are commanded nothing: those that have been told to,
-    /// and those that an operator has released from that.
-    level: Level,
-    scenes: Scenes,
-    held: BTreeSet<ModuleId>,
-    released: BTreeSet<ModuleId>,
     /// The parameters that a command has changed.
     tuned: Option<Tuning>,
-}
-
-/// Creates the entry of a new goal. Its `known` stays `None`, since no agent counts the filled seeds.
-fn opened(goal: &Blueprint, now: Time) -> Stage {
-    Stage { cells: goal.seeds().len(), filled: 0, opened: now, built: None, known: None }
+    failure: Ratio,
+    monitor: RunMonitor<Order>,
+    members: Members,
+    goal: Goal,
+    relocation: Relocation,
+    elements: Elements,
+    leases: Leases,
+    operator: Option<Operator>,
+    /// The execution of plans under the strategy `planned`; `None` under the others.
+    execution: Option<PlanExecution>,
+    /// Moves of bodies, at the last look.
+    moves: u64,
 }
 
 impl MetamoduleDirector {
     /// Creates a director for a swarm of this many metamodules.
     pub fn new(setup: Arc<Setup>, metamodules: usize, plan: MetamodulePlan) -> MetamoduleDirector {
         let is_planned = setup.params.strategy == Strategy::Planned;
-        let stages = vec![opened(setup.goal(Task::default()), Time::ZERO)];
+        // An operator may help a swarm that has found out that it cannot go on.
+        let ends_when_detected = plan.follow && plan.operator.is_none();
         MetamoduleDirector {
+            goal: Goal::new(&setup, plan.changes),
             setup,
-            faults: FaultInjector::new(plan.schedule),
-            changes: plan.changes.into(),
-            relocate: plan.relocate,
-            trials: Trials::default(),
-            moved: false,
-            goal_changes: Vec::new(),
-            elsewhere: None,
-            out_of_reach: None,
-            stop: plan.stop,
-            failure: plan.failure,
-            task: Task::default(),
-            stages,
-            known: vec![Known::default(); metamodules],
-            obstacles: BTreeSet::new(),
-            untold: BTreeSet::new(),
-            dead: BTreeSet::new(),
-            commands: VecDeque::new(),
-            filled: SeedSet::default(),
-            told: None,
-            prevented_before: 0,
-            done: 0,
-            moves: 0,
-            last_action: Time::ZERO,
-            last_fill: Time::ZERO,
-            next_check: Time::ZERO,
-            outcome: None,
-            stall: None,
-            follow: plan.follow,
-            detected: None,
-            alarms: 0,
-            leases: BTreeMap::new(),
-            level: plan.level,
-            scenes: plan.scenes,
-            held: BTreeSet::new(),
-            released: BTreeSet::new(),
             tuned: None,
+            failure: plan.failure,
+            monitor: RunMonitor::new(plan.schedule, plan.stop),
+            members: Members::new(metamodules, ends_when_detected),
+            relocation: Relocation::new(plan.relocate),
+            elements: Elements::new(plan.scenes),
+            leases: Leases::new(plan.level, is_planned),
             operator: plan.operator.map(|(habits, seed)| Operator::new(habits, 1, seed)),
             execution: is_planned.then(|| PlanExecution::new(plan.hands_over, plan.round_trip)),
+            moves: 0,
         }
     }
 
-    /// Returns how the run ended, and when; `None` while it goes on.
-    pub fn outcome(&self) -> Option<(Time, Outcome)> {
-        self.outcome
+    /// Returns the faults, the commands and the end of the run.
+    pub fn monitor(&self) -> &RunMonitor<Order> {
+        &self.monitor
     }
-    /// Returns the standstill that ended the run, if one did.
-    pub fn stall(&self) -> Option<&Stall> {
-        self.stall.as_ref()
-    }
-    /// Returns when the swarm itself detected a standstill, and which metamodule did; `None` if it has not,
-    /// or if one went on after all.
+    /// Returns when the swarm itself detected a standstill, and which metamodule did; `None` if it has not, or if that one
+    /// has continued after all.
     pub fn detected(&self) -> Option<(Time, ModuleId)> {
-        self.detected
-    }
-    /// Returns the current state of the swarm as the input of a search.
-    pub fn snapshot(&self, world: &MetamoduleWorld) -> Standstill {
-        self.standstill(world, |known| known.status.is_none_or(|s| s.settled.is_none()))
+        self.members.detected()
     }
     /// Returns how often a metamodule has reported a standstill.
     pub fn alarms(&self) -> u32 {
-        self.alarms
+        self.members.alarms()
     }
     /// Returns what has been planned and ordered; `None` for strategies that do not plan centrally.
     pub fn plan_counts(&self) -> Option<PlanCounts> {
         self.execution.as_ref().map(|execution| execution.counts)
     }
-    /// Returns the faults injected so far.
-    pub fn struck(&self) -> &[FaultRecord] {
-        self.faults.struck()
-    }
-    /// Returns how many processes died, and how many were restarted.
-    pub fn crashed_and_restarted(&self) -> (u64, u64) {
-        self.faults.crashed_and_restarted()
-    }
-    /// Returns when the last seed was filled.
-    pub fn last_fill(&self) -> Time {
-        self.last_fill
-    }
     /// Returns the number of locks refused because two metamodules would have met.
     pub fn prevented(&self) -> u64 {
-        let now: u64 = self.known.iter().filter_map(|k| k.status).map(|s| u64::from(s.prevented)).sum();
-        self.prevented_before + now
+        self.monitor.prevented(self.members.statuses().map(|s| s.prevented))
     }
     /// Returns the goal that is being built, and its place.
     pub fn task(&self) -> Task {
-        self.task
+        self.goal.task()
     }
     /// Returns what was done to the goal since it is built, in order.
     pub fn goal_changes(&self) -> &[GoalChange] {
-        &self.goal_changes
+        self.goal.changes()
     }
     /// Returns all goals so far. A goal that has been moved is the same one.
     pub fn stages(&self) -> &[Stage] {
-        &self.stages
+        self.goal.stages()
     }
     /// Returns the seeds that are filled.
     pub fn filled(&self) -> SeedSet {
-        self.filled
+        self.goal.filled()
+    }
+    /// Returns the scripted operator, if the run has one.
+    pub fn operator(&self) -> Option<&Operator> {
+        self.operator.as_ref()
     }
     /// Returns the progress of the run. Seeds stand for cells.
     pub fn progress(&self) -> Progress {
         Progress {
-            stage: u16::from(self.task.goal),
+            stage: u16::from(self.task().goal),
             stages: self.setup.goals.len() as u16,
-            goal: self.stages.last().map_or(0, |stage| stage.cells),
-            filled: self.filled.len(),
-            alive: self.known.iter().filter(|k| k.alive).count(),
+            goal: self.stages().last().map_or(0, |stage| stage.cells),
+            filled: self.filled().len(),
+            alive: self.members.known().iter().filter(|k| k.alive).count(),
             moves: self.moves,
             messages: None,
         }
     }
 
-    fn finish(&mut self, now: Time, outcome: Outcome) {
-        if self.outcome.is_none() {
-            self.outcome = Some((now, outcome));
-            self.commands.push_back(Command::Finish);
-        }
+    /// Returns what an operator sees.
+    pub fn picture<'a>(&'a self, world: &'a MetamoduleWorld) -> Picture<'a> {
+        Picture::new(self.view(world), &self.monitor)
+    }
+    /// Returns the current state of the swarm as the input of a search.
+    pub fn snapshot(&self, world: &MetamoduleWorld) -> Standstill {
+        self.view(world).snapshot()
+    }
+    /// Returns the elements that are not at their goals, each with a dead metamodule whose latch on it stays closed.
+    pub fn pinned(&self, world: &MetamoduleWorld) -> Vec<(usize, ModuleId)> {
+        elements::pinned(self.view(world))
+    }
+    /// Returns the next element if there is no transport to its goal, with the dead metamodules in the way. See
+    /// [`Elements::blocked`].
+    pub fn blocked(&self, world: &MetamoduleWorld) -> Option<(usize, Vec<ModuleId>)> {
+        self.elements.blocked(self.view(world))
+    }
+    /// Returns true if an element is not at its goal, or is still held where it is to lie.
+    pub fn has_elements_left(&self, world: &MetamoduleWorld) -> bool {
+        self.elements.are_left(self.view(world))
+    }
+
+    fn view<'a>(&'a self, world: &'a MetamoduleWorld) -> View<'a> {
+        View { setup: &self.setup, world, members: &self.members, goal: &self.goal }
+    }
+    fn rules(&self) -> Rules<'_> {
+        Rules { setup: &self.setup, members: &self.members, goal: &self.goal, leases: &self.leases }
     }
 
     /// Requests a new plan, since the state that the last one was made for has changed.
     fn disturb(&mut self) {
         if let Some(execution) = &mut self.execution {
             execution.disturb();
-            self.next_check = Time::ZERO;
+            self.monitor.next_check = Time::ZERO;
         }
     }
 
-    /// Plans and orders what is due.
-    fn carry_out(&mut self, now: Time, world: &MetamoduleWorld) {
-        let Some(mut execution) = self.execution.take() else { return };
-        let mut commands = std::mem::take(&mut self.commands);
-        execution.step(now, &self.swarm(world), &mut commands);
-        (self.execution, self.commands) = (Some(execution), commands);
-    }
-
-    fn order_all(&mut self, order: Order) {
-        for id in (0..self.known.len() as u32).map(ModuleId) {
-            self.commands.push_back(Command::Order(id, order));
+    /// Lets the scripted operator look and command.
+    fn operate(&mut self, now: Time, world: &MetamoduleWorld) {
+        let Some(mut operator) = self.operator.take() else { return };
+        let acts = operator.step(now, &[&self.picture(world)]);
+        for act in acts {
+            match self.rules().check(now, &act.command) {
+                Ok(()) => self.monitor.faults.command(now, act.command, SCRIPTED),
+                Err(_) => operator.refused(),
+            }
         }
+        self.operator = Some(operator);
     }
 
-    /// Returns the cells that no living metamodule can clear: those of dead bodies and of obstacles.
-    fn foreign(&self, world: &MetamoduleWorld) -> BTreeSet<Cell> {
-        let dead = self.dead.iter().flat_map(|id| world.cells(*id));
-        dead.chain(world.obstacles()).copied().collect()
-    }
-
-    /// Returns true if an immovable body or obstacle is in a cell of a seed that is not filled.
-    fn is_seed_blocked(&self, foreign: &BTreeSet<Cell>) -> bool {
-        let mut unfilled = self.setup.seeds(self.task).filter(|(s, _)| !self.filled.has(*s));
-        unfilled.any(|(_, seed)| seed.cells().iter().any(|c| foreign.contains(c)))
-    }
-
-    /// Moves the goal if an immovable body or obstacle is in a seed: to the clear place with the most room around it,
-    /// of several to the nearest (see [`clear_places`]).
-    fn relocate(&mut self, now: Time, world: &MetamoduleWorld) {
-        self.trials.forget();
+    /// Moves the goal if an immovable body or obstacle is in a seed.
+    fn evade(&mut self, now: Time, world: &MetamoduleWorld) {
+        self.relocation.forget_trials();
         self.count_filled(now, world);
-        let foreign = self.foreign(world);
-        if self.relocate
-            && self.is_seed_blocked(&foreign)
-            && let Some(shift) = self.clear_place(&foreign)
-        {
+        if let Some(shift) = self.relocation.evade(self.view(world)) {
             self.move_to(now, shift);
         }
     }
-
-    /// Returns true if an open seed is unreachable for every metamodule that could fill it.
-    fn is_out_of_reach(&self, world: &MetamoduleWorld) -> bool {
-        let free = || {
-            let all = (0..).map(ModuleId).zip(&self.known).filter(|(id, k)| k.alive && !world.is_stuck(*id));
-            all.filter_map(|(_, k)| k.status).filter(|s| s.settled.is_none())
-        };
-        let open = self.setup.goal(self.task).open(self.filled);
-        free().next().is_some() && open.iter().any(|seed| free().all(|s| s.unreachable.has(seed)))
+    /// Moves the goal after a standstill. Returns false if there is no place to move it to.
+    fn retreat(&mut self, now: Time, world: &MetamoduleWorld) -> bool {
+        let view = View { setup: &self.setup, world, members: &self.members, goal: &self.goal };
+        self.relocation.retreat(view).map(|shift| self.move_to(now, shift)).is_some()
     }
-
-    /// Returns the input of a search for another place of the goal: no seed is filled, and all metamodules that can
-    /// move are free.
-    fn all_free(&self, world: &MetamoduleWorld) -> Standstill {
-        Standstill { filled: SeedSet::default(), ..self.standstill(world, |_| true) }
-    }
-
-    fn standstill(&self, world: &MetamoduleWorld, is_free: impl Fn(&Known) -> bool) -> Standstill {
-        let (mut free, mut fixed) = (Vec::new(), Vec::from_iter(world.obstacles().iter().copied()));
-        for (id, known) in (0..).map(ModuleId).zip(&self.known) {
-            let pose = world.pose(id);
-            if known.alive && !world.is_stuck(id) && is_free(known) {
-                // A metamodule held at both ends lets go of the older one first.
-                let around = self.setup.motions.turned_around(pose).filter(|_| pose.both);
-                free.push(around.unwrap_or(pose));
-            } else {
-                fixed.extend(world.cells(id));
-            }
-        }
-        fixed.extend((0..world.elements()).flat_map(|e| world.element(e)));
-        let setup = Arc::clone(&self.setup);
-        Standstill { setup, task: self.task, filled: self.filled, free, fixed }
-    }
-
-    /// Moves the goal after a standstill: for `negotiated` to a place where a search builds it or may; for the
-    /// others, whose local minima no search predicts, once to a clear place. Returns true if it has been moved.
-    fn move_away(&mut self, now: Time, world: &MetamoduleWorld) -> bool {
-        if !self.relocate || self.task.is_dropped {
-            return false;
-        }
-        let to = if !self.setup.params.strategy.is_published() {
-            let next = self.trials.next(&self.all_free(world));
-            self.elsewhere = Some(next);
-            match next {
-                Elsewhere::Place(shift) => Some(shift),
-                Elsewhere::Barred(_) | Elsewhere::Unproved => None,
-            }
-        } else {
-            let foreign = self.foreign(world);
-            let may_move = !self.moved && !foreign.is_empty();
-            may_move.then(|| self.clear_place(&foreign)).flatten()
-        };
-        to.map(|shift| self.move_to(now, shift)).is_some()
-    }
-
-    fn clear_place(&self, foreign: &BTreeSet<Cell>) -> Option<Shift> {
-        clear_places(&self.setup, self.task, foreign).into_iter().find(|shift| *shift != self.task.shift)
-    }
-
     fn move_to(&mut self, now: Time, shift: Shift) {
-        self.moved = true;
-        let before = self.task.shift;
+        self.relocation.has_moved = true;
+        let before = self.task().shift;
         let by = (shift.0.saturating_sub(before.0), shift.1.saturating_sub(before.1));
-        self.goal_changes.push(GoalChange::Relocated(by));
-        self.begin(now, Task { shift, ..self.task });
+        self.goal.note_change(GoalChange::Relocated(by));
+        self.begin(now, Task { shift, ..self.task() });
     }
 
     /// Starts another task; its epoch does not matter.
     fn begin(&mut self, now: Time, task: Task) {
-        if task.goal != self.task.goal {
-            self.stages.push(opened(self.setup.goal(task), now));
-            self.goal_changes.clear();
-            self.trials.forget();
-        }
-        self.task = Task { epoch: self.task.epoch.saturating_add(1), ..task };
-        self.filled = SeedSet::default();
-        self.elsewhere = None;
-        // Those that filled a seed took no command.
-        self.held.clear();
-        (self.last_fill, self.last_action) = (now, now);
+        let is_other_goal = self.goal.begin(now, task, &self.setup);
+        self.relocation.begun(is_other_goal);
+        self.leases.forget_held();
+        (self.monitor.last_gain, self.monitor.last_action) = (now, now);
         self.disturb();
-        let order = self.seeds();
-        self.order_all(order);
-        self.told = None;
-        self.next_check = now;
-    }
-
-    /// Tells all metamodules the cells of the dead, once their bodies have come to rest.
-    fn tell_deaths(&mut self, now: Time, world: &MetamoduleWorld) {
-        let still: Vec<ModuleId> = self.untold.iter().copied().filter(|id| !world.is_acting(*id)).collect();
-        for dead in &still {
-            self.untold.remove(dead);
-            self.order_all(Order::Dead { id: *dead, pose: world.pose(*dead) });
-        }
-        if !still.is_empty() {
-            self.relocate(now, world);
-        }
+        self.members.order_all(self.goal.seeds(&self.setup), &mut self.monitor.commands);
+        self.monitor.next_check = now;
     }
 
     fn count_filled(&mut self, now: Time, world: &MetamoduleWorld) {
-        let mut filled = SeedSet::default();
-        for (i, seed) in self.setup.seeds(self.task) {
-            let cells = seed.cells();
-            let fills = |(id, known): (usize, &Known)| {
-                let stays = !known.alive || known.status.is_some_and(|s| s.settled == Some(i));
-                stays && *world.cells(ModuleId(id as u32)) == cells
-            };
-            if self.known.iter().enumerate().any(fills) {
-                filled = filled.with(i);
-            }
+        let filled = self.view(world).filled();
+        if self.goal.count(now, filled) {
+            self.monitor.last_gain = now;
         }
-        if filled != self.filled {
-            self.filled = filled;
-            self.last_fill = now;
-        }
-        let all = self.setup.goal(self.task).seeds().len();
-        if let Some(stage) = self.stages.last_mut() {
-            stage.filled = filled.len();
-            if filled.len() < all || self.task.is_dropped {
-                stage.built = None;
-            } else {
-                stage.built.get_or_insert(now);
-            }
-        }
-    }
-
-    fn seeds(&self) -> Order {
-        let open = self.setup.goal(self.task).open(self.filled);
-        Order::Seeds { task: self.task, open, filled: self.filled }
     }
 
     fn watch(&mut self, now: Time, world: &MetamoduleWorld) {
-        let action_counts = world.action_counts();
-        self.moves = action_counts.moves;
-        let done = action_counts.turns
-            + action_counts.moves
-            + action_counts.released
-            + action_counts.grips
-            + action_counts.let_go;
-        if done != self.done {
-            self.done = done;
-            self.last_action = now;
-        }
-        self.next_check = now + self.setup.params.turn_time;
+        let counts = world.action_counts();
+        self.moves = counts.moves;
+        let done = counts.turns + counts.moves + counts.released + counts.grips + counts.let_go;
+        self.monitor.count_actions(now, done);
+        self.monitor.next_check = now + self.setup.params.turn_time;
         self.count_filled(now, world);
-        let told_by_us = self.setup.params.seed_authority == SeedAuthority::Controller;
-        if self.told != Some((self.task, self.filled)) && (told_by_us || self.told.is_none()) {
-            self.told = Some((self.task, self.filled));
-            if told_by_us {
-                let order = self.seeds();
-                self.order_all(order);
-            }
+        if let Some(order) = self.goal.announce(&self.setup) {
+            self.members.order_all(order, &mut self.monitor.commands);
         }
         if world.elements() > 0 {
-            self.tell_obstacles(world);
+            self.elements.announce(world, &self.members, &mut self.monitor.commands);
         }
-        let is_filled = !self.task.is_dropped && self.filled.holds(self.setup.goal(self.task).all());
-        if self.changes.is_empty() && is_filled && self.are_elements_placed(world) {
-            return self.finish(now, Outcome::Built);
+        let is_filled = !self.task().is_dropped && self.goal.is_filled(&self.setup);
+        if self.goal.is_last() && is_filled && self.elements.are_placed(self.view(world)) {
+            return self.monitor.finish(now, Outcome::Built);
         }
-        let cut = now < self.stop.planned_until;
         let attended = self.operator.as_ref().is_some_and(|operator| operator.attends(0));
         // The end of a lease may resolve a standstill.
-        let leased = self.leases.values().map(|commanded| commanded.until).max().unwrap_or(Time::ZERO);
-        let planned = self.faults.is_pending() || !self.changes.is_empty() || cut || attended || now < leased;
-        if !planned && self.is_stranded(world) && self.move_away(now, world) {
+        let leased = self.leases.end();
+        let is_planned =
+            self.monitor.is_event_planned(now) || !self.goal.is_last() || attended || now < leased;
+        let view = View { setup: &self.setup, world, members: &self.members, goal: &self.goal };
+        if !is_planned && self.relocation.is_stranded(view) && self.retreat(now, world) {
             return;
         }
-        // An operator may help a swarm that has found out that it cannot go on.
-        let follows = self.follow && self.operator.is_none();
-        let idle_since = self.last_action.max(self.last_fill).max(self.stop.planned_until).max(leased);
-        if now >= self.stop.timeout {
-            self.stall = Some(self.explain(idle_since, world));
-            self.finish(now, Outcome::Timeout);
-        } else if planned {
-            // Further events are planned.
-        } else if now.since(idle_since) > self.stop.stall || (follows && self.detected.is_some()) {
-            self.stand_still(now, idle_since, Outcome::Deadlock, world);
-        } else if now.since(self.last_fill.max(self.stop.planned_until).max(leased)) > self.stop.livelock {
-            self.stand_still(now, self.last_fill, Outcome::Livelock, world);
+        let RunMonitor { last_action, last_gain, stop, .. } = self.monitor;
+        let no_gain_since = last_gain.max(stop.planned_until).max(leased);
+        let idle_since = last_action.max(no_gain_since);
+        let is_stranded = self.members.is_end_detected();
+        let standing = Standing { is_planned, is_stranded, idle_since, no_gain_since };
+        let Some(outcome) = self.monitor.verdict(now, standing) else { return };
+        if outcome != Outcome::Timeout && self.retreat(now, world) {
+            return;
         }
-    }
-
-    /// Moves the goal after a standstill, or ends the run.
-    fn stand_still(&mut self, now: Time, since: Time, outcome: Outcome, world: &MetamoduleWorld) {
-        if !self.move_away(now, world) {
-            self.stall = Some(self.explain(since, world));
-            self.finish(now, outcome);
-        }
-    }
-
-    /// Returns true if an open seed is unreachable for all metamodules, and no cooperative plan exists either. As that
-    /// takes a search, it is asked once per state of the structure; after that the answer is false.
-    fn is_stranded(&mut self, world: &MetamoduleWorld) -> bool {
-        let built = (self.task, self.filled);
-        if !self.relocate || self.out_of_reach == Some(built) || !self.is_out_of_reach(world) {
-            return false;
-        }
-        self.out_of_reach = Some(built);
-        matches!(search(&self.snapshot(world), WORK), SearchResult::NoWay(_))
+        let (view, elements, relocation) = (self.view(world), &self.elements, &self.relocation);
+        let since = if outcome == Outcome::Livelock { last_gain } else { idle_since };
+        let stall = Diagnosis { view, elements, relocation }.explain(since);
+        self.monitor.give_up(now, outcome, stall);
     }
 }
 
 impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
     fn report(&mut self, now: Time, id: ModuleId, report: Status) {
-        let place = |status: Status| (status.pose, status.settled);
-        if self.known[id.index()].status.is_none_or(|before| place(before) != place(report)) {
-            self.known[id.index()].progress = now;
-        }
-        let before = self.known[id.index()].status.replace(report);
-        self.alarms += u32::from(report.deadlocked && !before.is_some_and(|s| s.deadlocked));
-        match (report.deadlocked, self.detected) {
-            (true, None) => self.detected = Some((now, id)),
-            (false, Some((_, by))) if by == id => self.detected = None,
-            _ => {}
-        }
-        if before.and_then(|s| s.settled) != report.settled || self.execution.is_some() {
-            self.next_check = Time::ZERO;
+        if self.members.report(now, id, report) || self.execution.is_some() {
+            self.monitor.next_check = Time::ZERO;
         }
     }
 
     fn died(&mut self, _now: Time, id: ModuleId) {
-        self.faults.died(id);
-        self.known[id.index()].alive = false;
-        self.forget_commands(id);
-        self.detected = self.detected.filter(|(_, by)| *by != id);
-        self.dead.insert(id);
-        self.untold.insert(id);
+        self.monitor.faults.died(id);
+        self.members.died(id);
+        self.leases.forget(id);
         self.disturb();
-        self.next_check = Time::ZERO;
+        self.monitor.next_check = Time::ZERO;
     }
 
     fn external(&mut self, now: Time, id: ModuleId, what: &Outside, world: &MetamoduleWorld) {
-        self.last_action = now;
-        let found = self.found(id, world);
-        self.faults.external(now, id, what, &found);
+        self.monitor.last_action = now;
+        self.monitor.faults.external(now, id, what, &self.members.describe(id, world));
     }
+
     fn started(&mut self, now: Time, id: ModuleId) {
-        let before = std::mem::replace(
-            &mut self.known[id.index()],
-            Known { alive: true, status: None, progress: now },
-        );
-        self.prevented_before += before.status.map_or(0, |s| u64::from(s.prevented));
-        self.untold.remove(&id);
-        self.forget_commands(id);
-        self.trials.forget();
+        let (before, was_dead) = self.members.started(now, id);
+        self.monitor.prevented_before += before.map_or(0, |s| u64::from(s.prevented));
+        self.leases.forget(id);
+        self.relocation.forget_trials();
         self.disturb();
-        if self.dead.remove(&id) {
-            self.order_all(Order::Alive { id });
+        if was_dead {
+            self.members.order_all(Order::Alive { id }, &mut self.monitor.commands);
         }
-        if self.told.is_some() {
-            let order = self.seeds();
-            self.commands.push_back(Command::Order(id, order));
+        let told = self.goal.announced(&self.setup).into_iter().chain(self.tuned.map(Order::Tune));
+        let there = |cell: &_| Order::Obstacle { cell: *cell, there: true };
+        for order in told.chain(self.elements.obstacles().iter().map(there)) {
+            self.monitor.order(id, order);
         }
-        self.commands.extend(self.tuned.map(|tuning| Command::Order(id, Order::Tune(tuning))));
-        let there = |cell: &Cell| Command::Order(id, Order::Obstacle { cell: *cell, there: true });
-        self.commands.extend(self.obstacles.iter().map(there));
-        // A metamodule that has lost its memory has to be told the deaths again; repeating them to the others
-        // is harmless.
-        self.untold.extend(self.dead.iter().copied());
     }
 
     fn wake(&mut self, now: Time, world: &mut MetamoduleWorld) {
-        if self.outcome.is_some() {
+        if self.monitor.outcome().is_some() {
             return;
         }
         // Processes on the process link are not up at time zero.
         world.set_failure(self.failure);
         self.operate(now, world);
-        while let Some(fault) = self.faults.due(now) {
+        while let Some(fault) = self.monitor.faults.due(now) {
             self.inject(now, fault, world);
         }
-        while let Some((_, goal)) = self.changes.front().copied().filter(|(at, _)| *at <= now) {
-            self.changes.pop_front();
-            self.begin(now, Task { goal, ..Task::default() });
+        while let Some(task) = self.goal.due(now) {
+            self.begin(now, task);
         }
-        self.hold_idle(now);
-        self.tell_deaths(now, world);
+        self.leases.hold_idle(now, &self.members, self.goal.filled(), &mut self.monitor.commands);
+        if self.members.announce_deaths(world, &mut self.monitor.commands) {
+            self.evade(now, world);
+        }
         self.watch(now, world);
-        if self.outcome.is_none() && self.untold.is_empty() {
-            self.carry_out(now, world);
+        if self.monitor.outcome().is_none() && self.members.are_deaths_announced() {
+            let view = View { setup: &self.setup, world, members: &self.members, goal: &self.goal };
+            if let Some(execution) = &mut self.execution {
+                execution.step(now, &self.elements.swarm(view), &mut self.monitor.commands);
+            }
         }
     }
 
     fn input(&mut self, now: Time, kind: &str, bytes: &[u8]) -> Result<(), String> {
-        if self.outcome.is_some() {
-            return Err("the run is over".to_owned());
-        }
         let world = [[&OBSTACLE, &OBSTACLE_GONE, &DROP].as_slice(), &COMMANDS].concat();
-        // The rules read all but the injector.
-        let mut faults = std::mem::take(&mut self.faults);
-        let taken = faults
-            .input_if(now, kind, bytes, self.known.len(), &world, |fault: &Fault| self.rule(now, fault));
-        self.faults = faults;
-        taken
+        let MetamoduleDirector { setup, members, goal, leases, monitor, .. } = self;
+        let rules = Rules { setup, members, goal, leases };
+        let modules = members.known().len();
+        monitor.input_if(now, kind, bytes, modules, &world, |fault| rules.check(now, fault))
     }
-
     fn wake_at(&self) -> Time {
-        if self.outcome.is_some() {
-            return Time::NEVER;
-        }
-        let change = self.changes.front().map_or(Time::NEVER, |(at, _)| *at);
         let operator = self.operator.as_ref().map_or(Time::NEVER, Operator::wake_at);
         let plan = self.execution.as_ref().map_or(Time::NEVER, PlanExecution::ready_at);
-        let due = self.faults.next_at().min(change).min(self.next_check).min(self.stop.timeout);
-        due.min(plan).min(operator).min(self.next_idle())
+        self.monitor.wake_at(operator.min(plan).min(self.goal.next_at()).min(self.leases.next_idle()))
     }
-
     fn poll(&mut self) -> Option<Command<Order>> {
-        self.commands.pop_front()
+        self.monitor.commands.pop_front()
     }
-
     fn struck(&self) -> &[FaultRecord] {
-        self.faults.struck()
+        self.monitor.struck()
     }
 }

@@ -1,6 +1,8 @@
 //! Why metamodules stand still: the reason, the waiting metamodules, and what a search proves.
 
-use super::{Known, MetamoduleDirector};
+use super::elements::{Elements, is_off_colour, pinned};
+use super::relocation::Relocation;
+use super::view::View;
 use crate::director::outcome::{Proof, Stall, Waiter};
 use crate::director::reason::Why;
 use crate::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_WAY};
@@ -9,24 +11,30 @@ use crate::metamodule::reasons::{
     KEPT_FROM_ELEMENT, MISPLACED, NO_BETTER_PLACE, NO_LOCK, SEED_BLOCKED,
 };
 use crate::metamodule::relocation::Elsewhere;
-use crate::metamodule::world::MetamoduleWorld;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
+use metamorph_protocol::metamodule::message::Status;
 use metamorph_protocol::metamodule::planning::cooperative::{SearchResult, WORK, search};
 use metamorph_protocol::time::Time;
 use std::collections::BTreeSet;
 
-impl MetamoduleDirector {
+/// The parts that explain a standstill.
+pub(super) struct Diagnosis<'a> {
+    pub view: View<'a>,
+    pub elements: &'a Elements,
+    pub relocation: &'a Relocation,
+}
+
+impl Diagnosis<'_> {
     /// Describes a standstill: the unfilled seeds, the waiting metamodules by the last refusal, and what is
     /// proved.
-    pub(super) fn explain(&self, since: Time, world: &MetamoduleWorld) -> Stall {
-        let unfilled = self.setup.goal(self.task).all().without(self.filled);
-        let is_free = |(id, k): &(ModuleId, &Known)| {
-            k.alive && !world.is_stuck(*id) && k.status.is_some_and(|s| s.settled.is_none())
-        };
-        let free: Vec<Waiter> =
-            (0..).map(ModuleId).zip(&self.known).filter(is_free).map(|(id, k)| self.waiter(id, k)).collect();
-        let blocked = self.blocked(world);
+    pub fn explain(&self, since: Time) -> Stall {
+        let View { setup, world, members, goal } = self.view;
+        let unfilled = setup.goal(goal.task()).all().without(goal.filled());
+        let free = self.view.movable().filter_map(|(id, known)| Some((id, known.status?)));
+        let free = free.filter(|(_, status)| status.settled.is_none());
+        let free: Vec<Waiter> = free.map(|(id, status)| self.waiter(id, status)).collect();
+        let blocked = self.elements.blocked(self.view);
         let free: Vec<Waiter> = match blocked.as_ref().and_then(|(_, by)| by.first()) {
             Some(by) => {
                 free.into_iter().map(|w| Waiter { on: Some(*by), why: KEPT_FROM_ELEMENT, ..w }).collect()
@@ -34,31 +42,30 @@ impl MetamoduleDirector {
             None => free,
         };
         let waits: Vec<_> = free.iter().map(|w| (w.module, w.on)).collect();
-        let all = (0..self.known.len() as u32).map(ModuleId);
-        let stuck = all.filter(|id| world.is_stuck(*id)).flat_map(|id| world.cells(id)).copied();
-        let stays: BTreeSet<Cell> = self.foreign(world).into_iter().chain(stuck).collect();
-        let negotiated = !self.setup.params.strategy.is_published();
+        let stuck = members.ids().filter(|id| world.is_stuck(*id)).flat_map(|id| world.cells(id)).copied();
+        let stays: BTreeSet<Cell> = self.view.foreign().into_iter().chain(stuck).collect();
+        let negotiated = !setup.params.strategy.is_published();
         // While an element is not there, what fills seeds decides nothing.
-        let is_sought = negotiated && !self.task.is_dropped && blocked.is_none();
-        let sought = if is_sought { search(&self.snapshot(world), WORK) } else { SearchResult::Undecided };
+        let is_sought = negotiated && !goal.task().is_dropped && blocked.is_none();
+        let sought = if is_sought { search(&self.view.snapshot(), WORK) } else { SearchResult::Undecided };
         let proof = self.proof(&sought);
         // By precedence a metamodule also waits for one that is refused nothing and has no place to go to.
-        let ordered = self.setup.params.precedence.is_some();
-        let here = if self.task.is_dropped {
+        let ordered = setup.params.precedence.is_some();
+        let here = if goal.task().is_dropped {
             GOAL_GIVEN_UP
-        } else if !self.pinned(world).is_empty() {
+        } else if !pinned(self.view).is_empty() {
             ELEMENT_PINNED
-        } else if self.is_off_colour(world) {
+        } else if is_off_colour(self.view) {
             ELEMENT_OFF_COLOUR
         } else if free.len() < unfilled.len() {
             MATERIAL_EXHAUSTED
-        } else if self.is_seed_blocked(&stays) {
+        } else if self.view.is_seed_blocked(&stays) {
             SEED_BLOCKED
         } else if blocked.is_some() {
             ELEMENT_BLOCKED
         } else if matches!(sought, SearchResult::Path(_)) {
             BLOCKED
-        } else if matches!(sought, SearchResult::NoWay(_)) || self.is_out_of_reach(world) {
+        } else if matches!(sought, SearchResult::NoWay(_)) || self.view.is_out_of_reach() {
             NO_WAY
         } else if negotiated {
             BLOCKED
@@ -67,8 +74,9 @@ impl MetamoduleDirector {
         } else {
             NO_BETTER_PLACE
         };
-        let may_be_elsewhere =
-            negotiated && self.relocate && !matches!(self.elsewhere, Some(Elsewhere::Barred(_)));
+        let may_be_elsewhere = negotiated
+            && self.relocation.is_allowed
+            && !matches!(self.relocation.elsewhere(), Some(Elsewhere::Barred(_)));
         let reason = match here {
             SEED_BLOCKED | NO_WAY if may_be_elsewhere => MISPLACED,
             here => here,
@@ -79,13 +87,13 @@ impl MetamoduleDirector {
             text: reason.text,
             open: unfilled
                 .iter()
-                .filter_map(|s| self.setup.seed(self.task, s))
+                .filter_map(|s| setup.seed(goal.task(), s))
                 .map(|s| s.foot)
                 .map(|(x, y)| Cell::new(x, y, 0).into())
                 .collect(),
             wait_cycle: cycle(&waits),
             waiting: free,
-            detected: self.detected,
+            detected: members.detected(),
             proof,
         }
     }
@@ -93,25 +101,24 @@ impl MetamoduleDirector {
     /// Returns what a search at a standstill and at other places has proved.
     fn proof(&self, sought: &SearchResult) -> Option<Proof> {
         let SearchResult::NoWay(arrangements) = *sought else { return None };
-        match self.elsewhere {
+        match self.relocation.elsewhere() {
             Some(Elsewhere::Barred(places)) => Some(Proof { arrangements, places: Some(places) }),
-            None if !self.relocate => Some(Proof { arrangements, places: None }),
+            None if !self.relocation.is_allowed => Some(Proof { arrangements, places: None }),
             _ => None,
         }
     }
 
-    fn waiter(&self, module: ModuleId, known: &Known) -> Waiter {
-        let on = known.status.and_then(|s| s.waits_for);
-        let open = self.setup.goal(self.task).open(self.filled);
-        let unreachable = known.status.is_some_and(|s| !open.is_empty() && s.unreachable.holds(open));
-        let why = match on {
-            Some(other) if self.dead.contains(&other) => Why::WAITS_FOR_DEAD,
+    fn waiter(&self, module: ModuleId, status: Status) -> Waiter {
+        let View { setup, members, goal, .. } = self.view;
+        let open = goal.open(setup);
+        let why = match status.waits_for {
+            Some(other) if members.dead().contains(&other) => Why::WAITS_FOR_DEAD,
             Some(_) => Why::WAITS,
-            None if unreachable => BARRED,
-            None if !self.setup.params.strategy.is_published() => Why::UNKNOWN,
+            None if !open.is_empty() && status.unreachable.holds(open) => BARRED,
+            None if !setup.params.strategy.is_published() => Why::UNKNOWN,
             None => HAS_NO_BETTER_PLACE,
         };
-        Waiter { module, on, why }
+        Waiter { module, on: status.waits_for, why }
     }
 }
 

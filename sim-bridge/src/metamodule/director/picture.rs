@@ -1,15 +1,16 @@
 //! What an operator sees of a swarm of metamodules, which commands help it on, and the scripted operator of a run.
 
-use super::MetamoduleDirector;
+use super::view::View;
 use crate::director::faults::{Fault, Target};
-use crate::director::operator::{Level, Operator, Part, Scene};
+use crate::director::monitor::RunMonitor;
+use crate::director::operator::{Level, Part, Scene};
 use crate::director::steering::Steering;
 use crate::metamodule::faults::GOAL_MOVED;
 use crate::metamodule::relocation::clear_places;
-use crate::metamodule::world::MetamoduleWorld;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::Seed;
+use metamorph_protocol::metamodule::message::Order;
 use metamorph_protocol::metamodule::motions::Sweep;
 use metamorph_protocol::metamodule::params::Strategy;
 use metamorph_protocol::metamodule::planning::paths::{Ground, Route};
@@ -19,39 +20,14 @@ use metamorph_protocol::rng::Rng;
 use metamorph_protocol::time::{Span, Time};
 use std::collections::BTreeSet;
 
-/// The operator of a run is number 1, like the first person at a page.
-const SCRIPTED: u16 = 1;
 /// Places that are drawn from when a goal is moved or a metamodule sent away.
 const CHOICES: usize = 8;
 
-impl MetamoduleDirector {
-    /// Returns the scripted operator, if the run has one.
-    pub fn operator(&self) -> Option<&Operator> {
-        self.operator.as_ref()
-    }
-    /// Returns what an operator sees.
-    pub fn picture<'a>(&'a self, world: &'a MetamoduleWorld) -> Picture<'a> {
-        Picture { director: self, world }
-    }
-
-    /// Lets the scripted operator look and command.
-    pub(super) fn operate(&mut self, now: Time, world: &MetamoduleWorld) {
-        let Some(mut operator) = self.operator.take() else { return };
-        let acts = operator.step(now, &[&self.picture(world)]);
-        for act in acts {
-            match self.rule(now, &act.command) {
-                Ok(()) => self.faults.command(now, act.command, SCRIPTED),
-                Err(_) => operator.refused(),
-            }
-        }
-        self.operator = Some(operator);
-    }
-}
-
 /// What an operator sees of a swarm of metamodules.
 pub struct Picture<'a> {
-    director: &'a MetamoduleDirector,
-    world: &'a MetamoduleWorld,
+    view: View<'a>,
+    filled_at: Time,
+    has_ended: bool,
 }
 
 /// The floor with what stands on it.
@@ -67,39 +43,35 @@ struct Floor<'a> {
 
 impl Scene for Picture<'_> {
     fn parts(&self) -> usize {
-        self.director.known.len()
+        self.view.members.known().len()
     }
     fn part(&self, id: ModuleId) -> Part {
-        let known = self.director.known[id.index()];
+        let known = self.view.members.known()[id.index()];
         let status = known.status.filter(|_| known.alive);
-        let fills = status.and_then(|s| s.settled).filter(|seed| self.director.filled.has(*seed));
+        let fills = status.and_then(|s| s.settled).filter(|seed| self.view.goal.filled().has(*seed));
         Part {
             is_alive: known.alive,
             is_done: fills.is_some(),
             progress: known.progress,
             waits_for: status.and_then(|s| s.waits_for),
-            asks: self.director.setup.params.strategy == Strategy::Negotiated
-                && status.is_some_and(|s| s.stuck),
+            asks: self.view.setup.params.strategy == Strategy::Negotiated && status.is_some_and(|s| s.stuck),
         }
     }
     fn filled_at(&self) -> Time {
-        self.director.last_fill
+        self.filled_at
     }
     fn is_over(&self) -> bool {
-        let director = self.director;
-        let is_filled = director.filled.holds(director.setup.goal(director.task).all());
-        director.outcome.is_some() || (is_filled && director.changes.is_empty())
+        let View { setup, goal, .. } = self.view;
+        self.has_ended || (goal.is_filled(setup) && goal.is_last())
     }
     fn distance(&self, id: ModuleId) -> u64 {
-        let at = self.world.pose(id).foot();
-        let unfilled = self.director.setup.seeds(self.director.task);
-        let unfilled = unfilled.filter(|(seed, _)| !self.director.filled.has(*seed));
-        let to = unfilled.map(|(_, seed)| apart(at, seed.foot));
+        let at = self.view.world.pose(id).foot();
+        let to = self.view.goal.unfilled(self.view.setup).map(|(_, seed)| apart(at, seed.foot));
         u64::from(to.min().unwrap_or(u16::MAX))
     }
     fn remedy(&self, id: ModuleId, level: Level, lease: Span, rng: &mut Rng) -> Vec<Fault> {
         let floor = Floor::new(self, id);
-        let dead = self.director.dead.iter().copied().find(|id| !self.director.known[id.index()].alive);
+        let dead = self.view.members.dead().first().copied();
         match level {
             Level::Full => self.move_goal(rng).into_iter().collect(),
             Level::Safe | Level::Teleoperation => match dead {
@@ -126,17 +98,21 @@ fn apart(a: (i16, i16), b: (i16, i16)) -> u16 {
     a.0.abs_diff(b.0).max(a.1.abs_diff(b.1))
 }
 
-impl Picture<'_> {
+impl<'a> Picture<'a> {
+    pub(super) fn new(view: View<'a>, monitor: &RunMonitor<Order>) -> Picture<'a> {
+        Picture { view, filled_at: monitor.last_gain(), has_ended: monitor.outcome().is_some() }
+    }
+
     /// Returns true if something immovable is in a place of the goal.
     fn is_barred(&self) -> bool {
-        self.director.is_seed_blocked(&self.director.foreign(self.world))
+        self.view.is_seed_blocked(&self.view.foreign())
     }
 
     /// Returns the command that moves the goal to another place that is clear.
     fn move_goal(&self, rng: &mut Rng) -> Option<Fault> {
-        let director = self.director;
-        let mut places = clear_places(&director.setup, director.task, &director.foreign(self.world));
-        let (x, y) = director.task.shift;
+        let task = self.view.goal.task();
+        let mut places = clear_places(self.view.setup, task, &self.view.foreign());
+        let (x, y) = task.shift;
         places.retain(|place| *place != (x, y));
         let place = pick(&places[..places.len().min(CHOICES)], rng)?;
         let by = Target::Shift(place.0.checked_sub(x)?, place.1.checked_sub(y)?);
@@ -151,9 +127,9 @@ fn pick<T: Copy>(all: &[T], rng: &mut Rng) -> Option<T> {
 impl<'a> Floor<'a> {
     /// Sees the floor; the metamodule `first` is considered first.
     fn new(picture: &'a Picture<'a>, first: ModuleId) -> Floor<'a> {
-        let Picture { director, world } = *picture;
+        let View { setup, world, members, goal } = picture.view;
         let (mut free, mut fixed) = (Vec::new(), Vec::from_iter(world.obstacles().iter().copied()));
-        for (id, known) in (0..).map(ModuleId).zip(&director.known) {
+        for (id, known) in members.iter() {
             let is_free = known.alive && known.status.is_some_and(|s| s.settled.is_none());
             if is_free && !world.is_stuck(id) && !world.pose(id).both {
                 free.push((id, world.pose(id)));
@@ -162,18 +138,18 @@ impl<'a> Floor<'a> {
             }
         }
         free.sort_by_key(|(id, _)| (*id != first, *id));
-        let open = director.setup.goal(director.task).open(director.filled);
-        let open = open.iter().filter_map(|seed| Some((seed, director.setup.seed(director.task, seed)?)));
+        let open = goal.open(setup);
+        let open = open.iter().filter_map(|seed| Some((seed, setup.seed(goal.task(), seed)?)));
         Floor { picture, free, fixed, open: open.collect() }
     }
     fn ground<'b>(&'b self, taken: &'b [Cell]) -> Ground<'b> {
-        let setup = &self.picture.director.setup;
+        let setup = self.picture.view.setup;
         Ground { motions: &setup.motions, floor: setup.floor, taken }
     }
     /// Returns the cells of all but one.
     fn others(&self, one: ModuleId) -> Vec<Cell> {
         let bodies = self.free.iter().filter(|(id, _)| *id != one);
-        let cells = bodies.flat_map(|(_, pose)| self.picture.director.setup.motions.cells(*pose));
+        let cells = bodies.flat_map(|(_, pose)| self.picture.view.setup.motions.cells(*pose));
         self.fixed.iter().copied().chain(cells).collect()
     }
     fn take_command(id: ModuleId, seed: u8, lease: Span) -> Fault {
@@ -209,7 +185,7 @@ impl<'a> Floor<'a> {
                 way.extend(seed.cells());
                 let in_way = self.free.iter().filter(|(other, body)| {
                     *other != *id
-                        && self.picture.director.setup.motions.cells(*body).iter().any(|c| way.contains(c))
+                        && self.picture.view.setup.motions.cells(*body).iter().any(|c| way.contains(c))
                 });
                 let aside = in_way.map(|(other, body)| self.aside(*other, *body, &way, lease));
                 let Some(mut commands) = aside.collect::<Option<Vec<Fault>>>() else { continue };
@@ -230,7 +206,7 @@ impl<'a> Floor<'a> {
             let foot = to.foot();
             let place = upright(foot);
             let cells = place.cells();
-            let is_upright = self.picture.director.setup.motions.cells(to) == cells;
+            let is_upright = self.picture.view.setup.motions.cells(to) == cells;
             is_upright
                 && to.foot() != pose.foot()
                 && self.is_clear(foot)
@@ -248,7 +224,7 @@ impl<'a> Floor<'a> {
     fn send_away(&self, id: ModuleId, lease: Span, rng: &mut Rng) -> Option<Vec<Fault>> {
         let (id, pose) = *self.free.iter().find(|(free, _)| *free == id).or_else(|| self.free.first())?;
         let others = self.others(id);
-        let floor = self.picture.director.setup.floor;
+        let floor = self.picture.view.setup.floor;
         let mut places = Vec::new();
         for _ in 0..CHOICES * 8 {
             let side =
@@ -265,9 +241,8 @@ impl<'a> Floor<'a> {
 
     /// Returns true for a connector that is not beside an unfilled place of the goal.
     fn is_clear(&self, foot: (i16, i16)) -> bool {
-        let director = self.picture.director;
-        let seeds = director.setup.seeds(director.task).filter(|(seed, _)| !director.filled.has(*seed));
-        seeds.flat_map(|(_, seed)| seed.cells()).all(|cell| apart((cell.x, cell.y), foot) > 1)
+        let View { setup, goal, .. } = self.picture.view;
+        goal.unfilled(setup).flat_map(|(_, seed)| seed.cells()).all(|cell| apart((cell.x, cell.y), foot) > 1)
     }
 
     /// Returns the cells that a route sweeps.

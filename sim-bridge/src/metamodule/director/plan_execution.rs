@@ -15,7 +15,7 @@
 //! Planning takes scenario time: its work divided by [`PLANNING_RATE`]. So a run has the same trace on every
 //! machine.
 
-use super::Known;
+use super::members::{Known, Orders};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::{SeedSet, Task};
@@ -35,7 +35,7 @@ use metamorph_protocol::metamodule::planning::transports::{
 use metamorph_protocol::metamodule::pose::{Load, Pose};
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// Work of planning in one second of scenario time, in placements examined (see `cooperative::search`).
@@ -263,7 +263,7 @@ impl PlanExecution {
     }
 
     /// Plans and orders what is due.
-    pub fn step(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut VecDeque<Command<Order>>) {
+    pub fn step(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut Orders) {
         if std::mem::take(&mut self.disturbed) {
             self.suspected.clear();
             self.replans = 0;
@@ -303,7 +303,7 @@ impl PlanExecution {
     }
 
     /// Lets all metamodules come to rest.
-    fn hold(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut VecDeque<Command<Order>>) {
+    fn hold(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut Orders) {
         let is_free = matches!(self.stage, Stage::HandedOver(_));
         let ordered = |id: ModuleId| self.steps.iter().any(|s| s.id == id && s.due.is_some() && !s.done);
         let moving: Vec<ModuleId> =
@@ -316,13 +316,13 @@ impl PlanExecution {
         self.stage = Stage::Holding(now + settles);
     }
 
-    fn instruct(&mut self, id: ModuleId, instruction: Instruction, orders: &mut VecDeque<Command<Order>>) {
+    fn instruct(&mut self, id: ModuleId, instruction: Instruction, orders: &mut Orders) {
         self.number += 1;
         orders.push_back(Command::Order(id, Order::Instruct { number: self.number, instruction }));
     }
 
     /// Makes a plan from what has been reported.
-    fn plan(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut VecDeque<Command<Order>>) {
+    fn plan(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut Orders) {
         if swarm.elements_left().next().is_some() {
             return self.plan_elements(now, swarm, orders);
         }
@@ -368,7 +368,7 @@ impl PlanExecution {
     }
 
     /// Plans how the elements are brought to their goals.
-    fn plan_elements(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut VecDeque<Command<Order>>) {
+    fn plan_elements(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut Orders) {
         let (ids, standstill) = swarm.standstill(false, &self.suspected);
         let elements = swarm.planned_elements(&ids);
         if self.order.as_ref().is_none_or(|(task, _)| *task != swarm.task) {
@@ -434,7 +434,7 @@ impl PlanExecution {
     }
 
     /// Notes which moves have been made, and orders those that may be made now.
-    fn go_on(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut VecDeque<Command<Order>>) {
+    fn go_on(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut Orders) {
         let allowed = swarm.setup.params.lease + self.round_trip;
         let mut late = None;
         for step in self.steps.iter_mut().filter(|s| !s.done) {
@@ -485,7 +485,7 @@ impl PlanExecution {
     }
 
     /// Decides what to do where the plan has ended and seeds are left.
-    fn run_out(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut VecDeque<Command<Order>>) {
+    fn run_out(&mut self, now: Time, swarm: &Swarm<'_>, orders: &mut Orders) {
         let was_carried_out = !self.steps.is_empty() && self.steps.iter().all(|s| s.done);
         self.steps.clear();
         (self.stage, self.rested) = (Stage::Resting, swarm.standing());

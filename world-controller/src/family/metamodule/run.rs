@@ -36,7 +36,7 @@ fn elements_report(
         .into_iter()
         .map(|(e, by)| PinnedReport { element: all[e].name.clone(), by: by.0 })
         .collect();
-    let blocked = director.stall().and_then(|_| director.blocked(world)).into_iter();
+    let blocked = director.monitor().stall().and_then(|_| director.blocked(world)).into_iter();
     (!all.is_empty()).then(|| ElementsReport {
         blocked: blocked
             .map(|(e, by)| BlockedReport {
@@ -99,7 +99,7 @@ impl Runnable for Metamodules {
         director.progress()
     }
     fn account(&self, plan: &Plan, director: &MetamoduleDirector, world: &MetamoduleWorld) -> RunResult {
-        let (crashed, restarted) = director.crashed_and_restarted();
+        let (crashed, restarted) = director.monitor().crashed_and_restarted();
         let (action_counts, progress) = (world.action_counts(), director.progress());
         // A goal that was given up is the one that was not built.
         let task = Task { is_dropped: false, ..director.task() };
@@ -124,17 +124,17 @@ impl Runnable for Metamodules {
             led: 0,
         };
         RunResult {
-            ended: director.outcome(),
+            ended: director.monitor().outcome(),
             progress,
             crashed,
             restarted,
-            stall: director.stall().cloned(),
+            stall: director.monitor().stall().cloned(),
             // The search knows no elements: while one is left, it cannot say what could still be built.
             snapshot: director
                 .stall()
                 .filter(|_| !director.has_elements_left(world) && !director.task().is_dropped)
                 .map(|_| Box::new(director.snapshot(world)) as _),
-            struck: director.struck().to_vec(),
+            struck: director.monitor().struck().to_vec(),
             prevented: director.prevented(),
             stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),
             moves: action_counts.moves,
@@ -148,7 +148,7 @@ impl Runnable for Metamodules {
                     turns: action_counts.turns,
                     connections: action_counts.moves,
                     releases: action_counts.released,
-                    last_fill_s: director.last_fill().as_secs_f64(),
+                    last_fill_s: director.monitor().last_gain().as_secs_f64(),
                     plan: director.plan_counts().map(|p| PlanReport {
                         plans: p.plans,
                         moves: p.first_moves,
@@ -166,7 +166,10 @@ impl Runnable for Metamodules {
             )),
             bodies,
             operator: director.operator().map(|operator| {
-                OperatorReport::of(operator, director.outcome().map_or(operator.seen(), |(at, _)| at))
+                OperatorReport::of(
+                    operator,
+                    director.monitor().outcome().map_or(operator.seen(), |(at, _)| at),
+                )
             }),
         }
     }

@@ -91,7 +91,12 @@ impl Team {
             self.attend(now);
         }
         let built = |swarm: &Swarm| {
-            swarm.director().outcome().filter(|(_, outcome)| *outcome == Outcome::Built).map(|(at, _)| at)
+            swarm
+                .director()
+                .monitor()
+                .outcome()
+                .filter(|(_, outcome)| *outcome == Outcome::Built)
+                .map(|(at, _)| at)
         };
         TeamResult {
             built: self.swarms.iter().map(built).collect(),
