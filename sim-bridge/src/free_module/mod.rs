@@ -4,20 +4,19 @@
 pub mod audit;
 pub mod director;
 mod falls;
-mod floor;
-pub mod hull;
 pub mod members;
-pub mod physics;
 pub mod physics_world;
-pub mod rapier;
-#[cfg(test)]
-mod rapier_tests;
 pub mod reconfiguration;
 pub mod structure_world;
 #[cfg(test)]
 mod tests;
 pub mod trial;
-#[cfg(test)]
+#[cfg(all(test, feature = "physics"))]
 mod trial_tests;
 pub mod walking;
-pub mod work;
+
+pub use metamorph_physics as physics;
+pub use metamorph_physics::engine as rapier;
+pub use metamorph_physics::hull;
+#[cfg(feature = "physics")]
+pub use metamorph_physics::work;

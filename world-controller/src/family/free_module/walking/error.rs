@@ -79,6 +79,9 @@ impl WalkError {
         match self {
             WalkError::File { fix, .. } => fix.clone(),
             WalkError::Unknown(_) => format!("write a structure file, or one of {}", named::NAMES.join(", ")),
+            WalkError::Bodies(PhysicsError::NoEngine) => {
+                "use a program that is built with its default features".into()
+            }
             WalkError::Bodies(_) => {
                 "name a structure whose modules do not overlap and whose rings close".into()
             }

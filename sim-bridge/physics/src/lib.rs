@@ -1,7 +1,19 @@
-//! What a world of rigid bodies needs of a physics engine: hemispheres of modules, motors at joints, a floor.
+//! Rigid bodies of free modules: hemispheres, motors at joints, a floor, and the physics engine that moves them.
 //!
-//! Lengths are in metres, angles in radians, z points up and the floor is z = 0. An implementation gives the same bits on
-//! every machine for the same calls.
+//! Lengths are in metres, angles in radians, z points up and the floor is z = 0. An implementation of [`Physics`] gives the
+//! same bits on every machine for the same calls. [`engine::Bodies`] is the one of the engine rapier3d. Without the feature
+//! `rapier` it refuses every structure with [`PhysicsError::NoEngine`], so that no run of bodies begins.
+
+#[cfg_attr(feature = "rapier", path = "rapier.rs")]
+#[cfg_attr(not(feature = "rapier"), path = "absent.rs")]
+pub mod engine;
+#[cfg(feature = "rapier")]
+mod floor;
+pub mod hull;
+#[cfg(all(test, feature = "rapier"))]
+mod rapier_tests;
+#[cfg(feature = "rapier")]
+pub mod work;
 
 use metamorph_protocol::free_module::geometry::GeometryError;
 use metamorph_protocol::free_module::structure::Joint;
@@ -116,6 +128,9 @@ pub enum PhysicsError {
     /// The friction is negative or not a number.
     #[error("friction {0} is not a number of at least 0")]
     Friction(f32),
+    /// The program has no physics engine.
+    #[error("bodies need the feature `physics`, which this program was built without")]
+    NoEngine,
 }
 
 #[cfg(test)]

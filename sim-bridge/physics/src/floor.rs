@@ -149,7 +149,7 @@ impl QueryDispatcher for FloorContacts {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::free_module::hull;
+    use crate::hull;
     use rapier3d::prelude::{Rotation, SharedShape};
 
     /// In any attitude the deepest contact is the lowest vertex, and the normal points upwards, in either order.

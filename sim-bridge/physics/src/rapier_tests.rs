@@ -1,8 +1,8 @@
 //! The engine on cases with a known answer: falling, standing, sliding, turning joints, and the same bits each time.
 #![allow(clippy::print_stdout, reason = "shown only on failure or with --nocapture")]
 
-use super::physics::{Down, FRICTION, NO_LOAD, Physics, PhysicsError, TICK, TORQUE};
-use super::rapier::Bodies;
+use crate::engine::Bodies;
+use crate::{Down, FRICTION, NO_LOAD, Physics, PhysicsError, TICK, TORQUE};
 use metamorph_protocol::free_module::named;
 use metamorph_protocol::free_module::structure::{Joint, Structure};
 use metamorph_protocol::ids::ModuleId;

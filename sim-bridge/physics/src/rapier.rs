@@ -4,10 +4,10 @@
 //!
 //! The engine is built with `enhanced-determinism`, so that the same calls give the same bits on every machine.
 
-use super::floor::FloorContacts;
-use super::hull;
-use super::physics::{Down, HEMISPHERES, NO_LOAD, Physics, PhysicsError, Placed, SERVO_GAIN, TICK, TORQUE};
-use super::work::Work;
+use crate::floor::FloorContacts;
+use crate::hull;
+use crate::work::Work;
+use crate::{Down, HEMISPHERES, NO_LOAD, Physics, PhysicsError, Placed, SERVO_GAIN, TICK, TORQUE};
 use metamorph_protocol::free_module::geometry::place;
 use metamorph_protocol::free_module::structure::{JOINTS, Joint, Structure};
 use metamorph_protocol::ids::ModuleId;
