@@ -49,22 +49,18 @@ struct Asked {
     leg: Leg,
     carrier: ModuleId,
     mover: ModuleId,
-    /// The end of the call.
     until: Time,
 }
 
-/// A call that has been sent.
 #[derive(Clone, Copy, Debug, Hash)]
 struct Sent {
     module: ModuleId,
     from: Cell,
     to: Cell,
-    /// The time by which the module must have left its cell.
     leaves_by: Time,
     until: Time,
 }
 
-/// The calls of a run.
 #[derive(Clone, Debug, Default, Hash)]
 pub(super) struct Calls {
     /// What is left of the present plan.

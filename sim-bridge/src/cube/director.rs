@@ -37,7 +37,6 @@ pub struct Director {
     setup: Arc<Setup>,
     monitor: RunMonitor<Order>,
     failure: Ratio,
-    /// The present epoch.
     opening: Opening,
     global_plan: GlobalPlan,
     stages: Vec<Stage>,
@@ -51,11 +50,6 @@ pub struct Director {
     last_fault: Time,
     /// The end of the latest lease of a command.
     leased: Time,
-}
-
-/// Returns the stage of a goal that has just been opened.
-fn opened(goal: &Goal, now: Time) -> Stage {
-    Stage { cells: goal.len(), filled: 0, opened: now, built: None, known: None }
 }
 
 impl Director {
@@ -72,7 +66,7 @@ impl Director {
             failure,
             opening: Opening::of(Epoch::default(), Time::ZERO),
             global_plan: GlobalPlan::default(),
-            stages: setup.goals.first().map(|goal| opened(goal, Time::ZERO)).into_iter().collect(),
+            stages: setup.goals.iter().take(1).map(|goal| Stage::opened(goal.len(), Time::ZERO)).collect(),
             setup,
             known: vec![Known::default(); modules],
             // Modules are dead until they are started.
@@ -221,10 +215,9 @@ impl Director {
             return self.monitor.finish(now, Outcome::Built);
         }
         self.open(Opening::of(next, now));
-        self.stages.push(opened(self.goal(), now));
+        self.stages.push(Stage::opened(self.goal().len(), now));
     }
 
-    /// Begins an epoch.
     fn open(&mut self, opening: Opening) {
         self.opening = opening;
         self.done = self.count_done();
@@ -328,7 +321,6 @@ impl Director {
     fn count_done(&self) -> usize {
         self.known.iter().filter(|k| self.is_done(k)).count()
     }
-    /// Replaces what is known of a module.
     fn learn(&mut self, id: ModuleId, known: Known) {
         let before = std::mem::replace(&mut self.known[id.index()], known);
         self.done += usize::from(self.is_done(&known));
@@ -408,7 +400,8 @@ impl DirectorPort<CubeWorld> for Director {
 
     fn input(&mut self, now: Time, kind: &str, bytes: &[u8]) -> Result<(), String> {
         let (known, epoch) = (&self.known, self.opening.epoch);
-        self.monitor.input_if(now, kind, bytes, known.len(), &[], |fault| rule(fault, known, epoch))
+        let rule = |fault: &Fault| rule(fault, known, epoch);
+        self.monitor.injector()?.input_if(now, kind, bytes, known.len(), &[], rule)
     }
     fn wake_at(&self) -> Time {
         self.monitor.wake_at(Time::NEVER)

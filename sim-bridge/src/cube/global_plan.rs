@@ -42,7 +42,6 @@ const TO_REST: u64 = 60;
 /// The largest number of calls in a row after which the called module has made no step.
 const MOST_REFUSED: u8 = 3;
 
-/// A call of one module.
 #[derive(Clone, Copy, Debug, Hash)]
 struct Leg {
     way: Way,
@@ -65,7 +64,6 @@ enum Phase {
 pub(super) struct GlobalPlan {
     /// The goal, and when something last broke.
     of: (u16, Time),
-    /// The number of plans.
     plans: u8,
     phase: Option<Phase>,
     leg: Option<Leg>,

@@ -12,7 +12,6 @@ use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-/// The death of a module.
 #[derive(Clone, Debug, Hash)]
 struct Death {
     died: Time,

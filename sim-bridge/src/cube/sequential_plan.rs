@@ -30,7 +30,6 @@ type Ways = BTreeMap<Cell, (Cell, Motion)>;
 /// A plan that is being made, and where the modules are after it.
 struct SequentialPlan<'a> {
     snapshot: &'a StandstillSnapshot,
-    /// The cell of each module.
     cells: Vec<Cell>,
     grid: Grid,
     /// The goal cells, each with its distance from the seed within the goal.

@@ -23,7 +23,6 @@ use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::{Span, Time};
 use std::hash::{Hash, Hasher};
 
-/// A move under way.
 #[derive(Clone, Copy, Debug, Hash)]
 struct UnderWay {
     motion: Motion,
@@ -69,7 +68,6 @@ pub struct CubeWorld {
     /// For each module, the number of the last search that reached it, and the index of the start that it was reached
     /// from (see `neighbours_connected`).
     marks: Vec<(u64, u32)>,
-    /// The number of the last search.
     search: u64,
 }
 
@@ -171,7 +169,6 @@ impl CubeWorld {
     pub(super) fn is_audited(&self, id: ModuleId, key: &AuditKey) -> bool {
         self.audited[id.index()].as_ref() == Some(key)
     }
-    /// Notes that a module was audited and found sound.
     pub(super) fn note_audit(&mut self, id: ModuleId, key: AuditKey) {
         self.audited[id.index()] = Some(key);
     }

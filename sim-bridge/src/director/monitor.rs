@@ -1,7 +1,7 @@
 //! The part that the directors of all families share: faults and commands, the time of the last progress, and the end of a run.
 
 use crate::director::fault_injector::FaultInjector;
-use crate::director::faults::{Fault, FaultRecord, Schedule, WorldFault};
+use crate::director::faults::{Fault, FaultRecord, Schedule};
 use crate::director::outcome::{Outcome, Stall};
 use crate::director::progress::Stop;
 use metamorph_protocol::ids::ModuleId;
@@ -15,7 +15,6 @@ pub struct RunMonitor<O> {
     pub(crate) faults: FaultInjector,
     /// Commands that the driver has not polled yet, in order.
     pub(crate) commands: VecDeque<Command<O>>,
-    /// The bounds of the run.
     pub(crate) stop: Stop,
     /// The end of the last action of a body. Most directors also count events that may let bodies act again.
     pub(crate) last_action: Time,
@@ -25,7 +24,6 @@ pub struct RunMonitor<O> {
     pub(crate) next_check: Time,
     /// Conflicts prevented in incarnations that have ended.
     pub(crate) prevented_before: u64,
-    /// Actions completed, at the last look.
     done: u64,
     outcome: Option<(Time, Outcome)>,
     stall: Option<Stall>,
@@ -100,7 +98,6 @@ impl<O> RunMonitor<O> {
     pub(crate) fn inject(&mut self, now: Time, fault: Fault, alive: bool, effect: impl Into<String>) {
         self.faults.inject(now, fault, alive, effect.into(), &mut self.commands);
     }
-    /// Sends an order to a module.
     pub(crate) fn order(&mut self, id: ModuleId, order: O) {
         self.commands.push_back(Command::Order(id, order));
     }
@@ -137,38 +134,12 @@ impl<O> RunMonitor<O> {
         self.finish(now, outcome);
     }
 
-    /// Takes the commands of an operator. See [`FaultInjector::input`].
+    /// Returns the injector, for commands of an operator.
     ///
     /// # Errors
-    /// As there, or if the run has ended.
-    pub(crate) fn input(
-        &mut self,
-        now: Time,
-        kind: &str,
-        bytes: &[u8],
-        modules: usize,
-    ) -> Result<(), String> {
-        self.is_running()?;
-        self.faults.input(now, kind, bytes, modules, &[])
-    }
-    /// Takes the commands of an operator, in a family with rules of its own. See [`FaultInjector::input_if`].
-    ///
-    /// # Errors
-    /// As there, or if the run has ended.
-    pub(crate) fn input_if(
-        &mut self,
-        now: Time,
-        kind: &str,
-        bytes: &[u8],
-        modules: usize,
-        world: &[&'static WorldFault],
-        rule: impl Fn(&Fault) -> Result<(), String>,
-    ) -> Result<(), String> {
-        self.is_running()?;
-        self.faults.input_if(now, kind, bytes, modules, world, rule)
-    }
-    fn is_running(&self) -> Result<(), String> {
-        self.outcome.map_or(Ok(()), |_| Err("the run is over".to_owned()))
+    /// If the run has ended.
+    pub(crate) fn injector(&mut self) -> Result<&mut FaultInjector, String> {
+        if self.outcome.is_some() { Err("the run is over".to_owned()) } else { Ok(&mut self.faults) }
     }
 
     /// Returns when to wake the director: at `own` at the latest, for the next fault, check or the timeout; never after the end.

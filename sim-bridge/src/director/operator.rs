@@ -175,7 +175,6 @@ pub struct OperatorCounts {
     pub unasked: u64,
 }
 
-/// What the operator is doing.
 #[derive(Clone, Debug)]
 enum Phase {
     Looking,
@@ -192,7 +191,6 @@ struct Watched {
     again: Time,
     /// Whether the swarm was stuck at the last observation.
     is_stuck: bool,
-    /// Whether it is over.
     is_over: bool,
     /// Of a swarm that asks: whether it has been commanded anything since.
     asks: Option<bool>,

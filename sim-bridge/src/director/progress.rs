@@ -49,3 +49,10 @@ pub struct Stage {
     /// When the module in the seed knew that all cells were filled, by the swarm's own count.
     pub known: Option<Time>,
 }
+
+impl Stage {
+    /// Creates the entry of a goal of this many cells that has just been opened.
+    pub fn opened(cells: usize, now: Time) -> Stage {
+        Stage { cells, filled: 0, opened: now, built: None, known: None }
+    }
+}

@@ -39,7 +39,6 @@ pub struct PhysicsWorld<P> {
     posture: Vec<f32>,
     /// The angles of all joints at the last tick.
     angles: Vec<f32>,
-    /// Modules whose joints stick.
     stuck: Vec<bool>,
     /// The latest self-collision.
     collided: Option<Time>,
@@ -102,7 +101,6 @@ impl<P: Physics> PhysicsWorld<P> {
             self.physics.set_target(joint, self.physics.angle(joint));
         }
     }
-    /// Returns the pose of a module.
     fn pose(&self, id: ModuleId) -> Pose {
         let placed = self.physics.pose(id, 0);
         let whole = |x: f32, unit: f64| (f64::from(x) * unit).round() as i32;

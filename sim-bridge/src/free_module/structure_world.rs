@@ -18,7 +18,6 @@ pub struct StructureWorld {
     started: Vec<Option<Incarnation>>,
     /// Contact changes of each module so far.
     revisions: Vec<u32>,
-    /// The session given out last.
     sessions: u32,
     sensed: VecDeque<(ModuleId, Sensed<Pose>)>,
 }

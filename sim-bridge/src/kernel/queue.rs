@@ -11,7 +11,6 @@ use metamorph_protocol::time::{Span, Time};
 use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
 
-/// Number of slots of a block, a power of two.
 const SLOTS: usize = 1 << SLOT_BITS;
 const SLOT_BITS: u32 = 10;
 /// Number of blocks of the far wheel, including the present one; a power of two.

@@ -16,7 +16,7 @@ mod relocation;
 mod rules;
 mod view;
 
-use crate::director::faults::{FaultRecord, Schedule};
+use crate::director::faults::{Fault, FaultRecord, Schedule};
 use crate::director::monitor::{RunMonitor, Standing};
 use crate::director::operator::{Habits, Level, Operator};
 use crate::director::outcome::Outcome;
@@ -377,7 +377,8 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
         let MetamoduleDirector { setup, members, goal, leases, monitor, .. } = self;
         let rules = Rules { setup, members, goal, leases };
         let modules = members.known().len();
-        monitor.input_if(now, kind, bytes, modules, &world, |fault| rules.check(now, fault))
+        let rule = |fault: &Fault| rules.check(now, fault);
+        monitor.injector()?.input_if(now, kind, bytes, modules, &world, rule)
     }
     fn wake_at(&self) -> Time {
         let operator = self.operator.as_ref().map_or(Time::NEVER, Operator::wake_at);

@@ -39,7 +39,6 @@ use std::sync::Arc;
 /// Number of ports that every body has in the hash, in use or not. It has more while it needs them.
 const FEWEST_PORTS: usize = 24;
 
-/// An action under way.
 #[derive(Clone, Debug, Hash)]
 struct UnderWay {
     to: Pose,

@@ -37,7 +37,6 @@ pub(crate) struct BodyQueue<P> {
     begun: u64,
     sensed: VecDeque<(ModuleId, Sensed<P>)>,
     sessions: u32,
-    /// The probability that a joint or a connection fails.
     failure: Ratio,
     joints: Rng,
     violations: Vec<Violation>,

@@ -271,7 +271,7 @@ impl DirectorPort<FreeModuleWorld> for FreeModuleDirector {
     }
 
     fn input(&mut self, now: Time, kind: &str, bytes: &[u8]) -> Result<(), String> {
-        self.monitor.input(now, kind, bytes, self.known.len())
+        self.monitor.injector()?.input(now, kind, bytes, self.known.len(), &[])
     }
     fn wake_at(&self) -> Time {
         self.monitor.wake_at(self.execution.wake_at())

@@ -57,7 +57,6 @@ pub struct PlanCounts {
     pub work: u64,
 }
 
-/// What is known of a module.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Known {
     pub alive: bool,
@@ -87,7 +86,6 @@ pub(super) enum Shortage {
     NotCarriedOut,
 }
 
-/// An action that is confirmed.
 #[derive(Clone, Debug)]
 pub(super) struct Confirmed {
     pub epoch: u32,
@@ -112,7 +110,6 @@ enum Stage {
     Resting,
 }
 
-/// When an order was sent.
 #[derive(Clone, Copy, Debug)]
 struct Sent {
     not_after: Time,
@@ -130,7 +127,6 @@ struct Side {
     done: bool,
 }
 
-/// One action of the plan.
 #[derive(Clone, Debug)]
 struct Step {
     sides: Vec<Side>,

@@ -33,7 +33,6 @@ use std::sync::Arc;
 /// Cells from the origin within which modules stay.
 const FARTHEST: i16 = Cell::LIMIT / 2;
 
-/// What a turn moves.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Turn {
     joint: usize,
@@ -44,7 +43,6 @@ struct Turn {
     reach: [[i16; 3]; 2],
 }
 
-/// An action under way.
 #[derive(Clone, Debug)]
 struct UnderWay {
     action: Action,

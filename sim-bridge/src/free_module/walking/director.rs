@@ -90,7 +90,6 @@ pub struct WalkDirector {
     modules: usize,
     goal: Goal,
     tuner: Box<dyn Tuner>,
-    /// How long a gait is tried.
     trial: Span,
     members: Members,
     /// What agents have reported since the structure changed last.
@@ -178,7 +177,6 @@ impl WalkDirector {
         Stage { cells, filled, opened: Time::ZERO, built: self.walked, known: self.walked }
     }
 
-    /// Returns what a fault found.
     fn found(&self, id: ModuleId) -> String {
         let doing = match self.state {
             _ if !self.members.is_alive(id) => "dead",
@@ -416,7 +414,7 @@ impl<P: Physics> DirectorPort<PhysicsWorld<P>> for WalkDirector {
     }
 
     fn input(&mut self, now: Time, kind: &str, bytes: &[u8]) -> Result<(), String> {
-        self.monitor.input(now, kind, bytes, self.modules)
+        self.monitor.injector()?.input(now, kind, bytes, self.modules, &[])
     }
     fn wake_at(&self) -> Time {
         self.monitor.wake_at(Time::NEVER)

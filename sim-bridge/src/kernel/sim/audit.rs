@@ -15,11 +15,8 @@ const MAX_VIOLATIONS: usize = 100;
 /// The result of all checks of a run.
 #[derive(Default)]
 pub(super) struct Findings {
-    /// The first violations.
     violations: Vec<Violation>,
-    /// The number of all violations.
     broken: u64,
-    /// The number of checks.
     pub checked: u64,
 }
 

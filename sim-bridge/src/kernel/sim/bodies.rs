@@ -46,7 +46,6 @@ pub(super) struct Posted<A: Agent> {
     message: BodyMessage<A>,
 }
 
-/// One direction of a stream.
 struct Stream {
     rng: Rng,
     last: Time,

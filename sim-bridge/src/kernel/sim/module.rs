@@ -13,7 +13,6 @@ use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{Channel, Frame, Header, Wire, WireError};
 use std::collections::VecDeque;
 
-/// The process of a module.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Process {
     Dead,
@@ -94,7 +93,6 @@ impl<A: Agent> Module<A> {
     }
 }
 
-/// One port of a module.
 #[derive(Clone, Copy)]
 pub(super) struct Link {
     pub contact: Option<Contact>,
@@ -128,7 +126,6 @@ pub(super) struct Sent<M> {
     pub message: M,
 }
 
-/// A message under way.
 pub(super) struct InFlight<M> {
     pub to: ModuleId,
     pub session: Session,

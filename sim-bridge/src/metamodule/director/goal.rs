@@ -44,7 +44,7 @@ pub(super) struct Goal {
 
 /// Creates the entry of a new goal. Its `known` stays `None`, since no agent counts the filled seeds.
 fn opened(setup: &Setup, task: Task, now: Time) -> Stage {
-    Stage { cells: setup.goal(task).seeds().len(), filled: 0, opened: now, built: None, known: None }
+    Stage::opened(setup.goal(task).seeds().len(), now)
 }
 
 impl Goal {

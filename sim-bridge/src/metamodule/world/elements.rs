@@ -18,7 +18,6 @@ use metamorph_protocol::metamodule::pose::{Load, Pose};
 use metamorph_protocol::time::Time;
 use std::hash::{Hash, Hasher};
 
-/// An element in the world.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct ElementBody {
     /// Its cells, sorted.
