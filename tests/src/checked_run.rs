@@ -6,7 +6,7 @@ use metamorph_world_controller::console::stopwatch::Stopwatch;
 use metamorph_world_controller::console::terminal::Live;
 use metamorph_world_controller::family::metamodule::Metamodules;
 use metamorph_world_controller::family::metamodule::motion_database::database;
-use metamorph_world_controller::family::run_simulated;
+use metamorph_world_controller::family::{run_simulated, sources};
 use metamorph_world_controller::record::journal::JournalSession;
 use metamorph_world_controller::report::schema::Report;
 use metamorph_world_controller::run::PageChannels;
@@ -19,7 +19,7 @@ pub fn geometry(plan: &Plan) -> Option<Geometry> {
     static DATABASE: OnceLock<Vec<u8>> = OnceLock::new();
     let metamodules = plan.swarm.of::<Metamodules>()?;
     let floor = metamodules.setup.floor;
-    let bytes = DATABASE.get_or_init(|| database(true).to_bytes());
+    let bytes = DATABASE.get_or_init(|| database(sources()).to_bytes());
     let geometry = Geometry::read(bytes, metamodules.setup.motions.kind().name(), [floor.min, floor.max]);
     Some(geometry.expect("the database has all kinds"))
 }

@@ -1,11 +1,12 @@
 //! The layout of the sources is the one that ARCHITECTURE.md describes: dependencies between crates,
 //! dependencies between the modules of a crate, and a subject for every file.
 
-use cargo_metadata::{DependencyKind, MetadataCommand};
+use cargo_metadata::{DependencyKind, Metadata, MetadataCommand};
 use metamorph_tests::command::root;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 /// Returns for each of our crates the others that it may use.
 fn allowed() -> BTreeMap<&'static str, Vec<&'static str>> {
@@ -37,9 +38,188 @@ fn allowed() -> BTreeMap<&'static str, Vec<&'static str>> {
         ("metamorph-physics", vec!["metamorph-protocol"]),
         ("metamorph-sim-bridge", vec!["metamorph-protocol", "metamorph-physics"]),
         ("metamorph-module-agent", vec!["metamorph-protocol"]),
+        ("metamorph-text", vec![]),
+        ("metamorph-console", vec!["metamorph-sim-bridge", "metamorph-module-agent", "metamorph-text"]),
+        ("metamorph-shapes", vec!["metamorph-protocol", "metamorph-text"]),
+        (
+            "metamorph-scenario",
+            vec!["metamorph-protocol", "metamorph-sim-bridge", "metamorph-text", "metamorph-shapes"],
+        ),
+        (
+            "metamorph-report",
+            vec!["metamorph-protocol", "metamorph-sim-bridge", "metamorph-text", "metamorph-scenario"],
+        ),
+        (
+            "metamorph-scene",
+            vec![
+                "metamorph-protocol",
+                "metamorph-sim-bridge",
+                "metamorph-text",
+                "metamorph-scenario",
+                "metamorph-report",
+            ],
+        ),
+        ("metamorph-free-modules", vec!["metamorph-protocol", "metamorph-sim-bridge", "metamorph-text"]),
+        (
+            "metamorph-families",
+            vec![
+                "metamorph-protocol",
+                "metamorph-sim-bridge",
+                "metamorph-text",
+                "metamorph-shapes",
+                "metamorph-scenario",
+                "metamorph-report",
+                "metamorph-scene",
+                "metamorph-free-modules",
+            ],
+        ),
+        (
+            "metamorph-runs",
+            vec![
+                "metamorph-sim-bridge",
+                "metamorph-text",
+                "metamorph-scenario",
+                "metamorph-report",
+                "metamorph-scene",
+                "metamorph-families",
+            ],
+        ),
+        (
+            "metamorph-processes",
+            vec![
+                "metamorph-protocol",
+                "metamorph-sim-bridge",
+                "metamorph-module-agent",
+                "metamorph-text",
+                "metamorph-console",
+                "metamorph-scenario",
+                "metamorph-report",
+                "metamorph-scene",
+                "metamorph-families",
+                "metamorph-runs",
+            ],
+        ),
+        (
+            "metamorph-experiments",
+            vec![
+                "metamorph-protocol",
+                "metamorph-sim-bridge",
+                "metamorph-module-agent",
+                "metamorph-text",
+                "metamorph-console",
+                "metamorph-scenario",
+                "metamorph-report",
+                "metamorph-families",
+                "metamorph-processes",
+            ],
+        ),
+        (
+            "metamorph-view",
+            vec![
+                "metamorph-protocol",
+                "metamorph-sim-bridge",
+                "metamorph-module-agent",
+                "metamorph-text",
+                "metamorph-console",
+                "metamorph-scenario",
+                "metamorph-report",
+                "metamorph-scene",
+                "metamorph-processes",
+            ],
+        ),
+        (
+            "metamorph-people",
+            vec![
+                "metamorph-protocol",
+                "metamorph-sim-bridge",
+                "metamorph-module-agent",
+                "metamorph-text",
+                "metamorph-console",
+                "metamorph-shapes",
+                "metamorph-scenario",
+                "metamorph-report",
+                "metamorph-scene",
+                "metamorph-free-modules",
+                "metamorph-families",
+                "metamorph-processes",
+                "metamorph-experiments",
+                "metamorph-view",
+            ],
+        ),
+        (
+            "metamorph-reproduce",
+            vec![
+                "metamorph-protocol",
+                "metamorph-sim-bridge",
+                "metamorph-text",
+                "metamorph-console",
+                "metamorph-scenario",
+                "metamorph-report",
+                "metamorph-free-modules",
+                "metamorph-families",
+                "metamorph-processes",
+                "metamorph-experiments",
+                "metamorph-people",
+            ],
+        ),
+        (
+            "metamorph-bench",
+            vec![
+                "metamorph-protocol",
+                "metamorph-sim-bridge",
+                "metamorph-module-agent",
+                "metamorph-text",
+                "metamorph-console",
+                "metamorph-scenario",
+                "metamorph-report",
+                "metamorph-free-modules",
+                "metamorph-families",
+                "metamorph-processes",
+                "metamorph-experiments",
+            ],
+        ),
+        (
+            "metamorph-cli",
+            vec![
+                "metamorph-protocol",
+                "metamorph-sim-bridge",
+                "metamorph-module-agent",
+                "metamorph-text",
+                "metamorph-console",
+                "metamorph-shapes",
+                "metamorph-scenario",
+                "metamorph-report",
+                "metamorph-scene",
+                "metamorph-free-modules",
+                "metamorph-families",
+                "metamorph-processes",
+                "metamorph-experiments",
+                "metamorph-view",
+                "metamorph-people",
+                "metamorph-reproduce",
+                "metamorph-bench",
+            ],
+        ),
         (
             "metamorph-world-controller",
-            vec!["metamorph-protocol", "metamorph-sim-bridge", "metamorph-module-agent"],
+            vec![
+                "metamorph-sim-bridge",
+                "metamorph-text",
+                "metamorph-console",
+                "metamorph-shapes",
+                "metamorph-scenario",
+                "metamorph-report",
+                "metamorph-scene",
+                "metamorph-free-modules",
+                "metamorph-families",
+                "metamorph-processes",
+                "metamorph-experiments",
+                "metamorph-view",
+                "metamorph-people",
+                "metamorph-reproduce",
+                "metamorph-bench",
+                "metamorph-cli",
+            ],
         ),
         (
             "metamorph-tutorial",
@@ -71,7 +251,7 @@ fn allowed() -> BTreeMap<&'static str, Vec<&'static str>> {
 const OF_PROGRAMS: [&str; 7] = ["tokio", "iceoryx2", "rustix", "rand", "rapier3d", "clap", "toml"];
 
 /// Crates that a crate must not use, not even indirectly.
-const ABSENT: [(&str, &[&str]); 12] = [
+const ABSENT: &[(&str, &[&str])] = &[
     // Agents compute without floating point.
     ("metamorph-core", &["nalgebra", "petgraph", "pathfinding", "rand"]),
     ("metamorph-cube", &["nalgebra", "petgraph", "pathfinding", "rand"]),
@@ -87,13 +267,15 @@ const ABSENT: [(&str, &[&str]); 12] = [
     ("metamorph-world-controller", &["rand"]),
 ];
 
+fn metadata() -> Metadata {
+    let mut command = MetadataCommand::new();
+    command.manifest_path(root().join("Cargo.toml")).no_deps();
+    command.exec().expect("cargo metadata works offline")
+}
+
 #[test]
 fn arrows_point_one_way() {
-    let metadata = MetadataCommand::new()
-        .manifest_path(root().join("Cargo.toml"))
-        .no_deps()
-        .exec()
-        .expect("cargo metadata works offline");
+    let metadata = metadata();
     let ours = allowed();
     let found: BTreeSet<&str> = metadata.packages.iter().map(|p| p.name.as_str()).collect();
     assert_eq!(found, ours.keys().copied().collect(), "a crate is new or gone: say where it belongs");
@@ -104,7 +286,7 @@ fn arrows_point_one_way() {
             assert!(may.contains(&dependency), "{} must not use {dependency}", package.name);
         }
     }
-    for (name, absent) in ABSENT {
+    for (name, absent) in ABSENT.iter().copied() {
         let package = metadata.packages.iter().find(|p| p.name.as_str() == name).expect("checked above");
         for dependency in package.dependencies.iter().filter(|d| d.kind == DependencyKind::Normal) {
             assert!(!absent.contains(&dependency.name.as_str()), "{name} must not use {}", dependency.name);
@@ -115,11 +297,7 @@ fn arrows_point_one_way() {
 /// Agents of cubes and all that they use run without an operating system: no crate that they use brings std by default.
 #[test]
 fn the_core_and_cubes_need_no_std() {
-    let metadata = MetadataCommand::new()
-        .manifest_path(root().join("Cargo.toml"))
-        .no_deps()
-        .exec()
-        .expect("cargo metadata works offline");
+    let metadata = metadata();
     for name in ["core", "cube"] {
         let text = fs::read_to_string(root().join("protocol").join(name).join("src/lib.rs"));
         let text = text.expect("sources are text");
@@ -130,6 +308,76 @@ fn the_core_and_cubes_need_no_std() {
             let brings_std =
                 dependency.uses_default_features || dependency.features.iter().any(|f| f == "std");
             assert!(!brings_std, "metamorph-{name} uses {} with std", dependency.name);
+        }
+    }
+}
+
+/// Crates that ask an operating system, or belong to programs that do.
+const OF_SYSTEMS: [&str; 12] = [
+    "clap",
+    "hyper",
+    "iceoryx2",
+    "metamorph-console",
+    "metamorph-module-agent",
+    "metamorph-processes",
+    "rustix",
+    "signal-hook",
+    "tempfile",
+    "tokio",
+    "tracing-subscriber",
+    "zenoh",
+];
+
+/// Names of the standard library that ask the operating system.
+const SYSTEM_NAMES: [&str; 9] = [
+    "std::fs",
+    "std::thread",
+    "std::process",
+    "std::net",
+    "std::env::var",
+    "std::env::current",
+    "std::os",
+    "Instant::now",
+    "SystemTime",
+];
+
+/// A run is a function of a text and a seed: `runs` and all below it work where there is no operating system.
+#[test]
+fn runs_and_all_below_ask_no_operating_system() {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let tree = [
+        "tree",
+        "--offline",
+        "--locked",
+        "--package",
+        "metamorph-runs",
+        "--edges",
+        "normal",
+        "--prefix",
+        "none",
+    ];
+    let output = Command::new(cargo).args(tree).current_dir(root()).output().expect("cargo can be run");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let used = String::from_utf8(output.stdout).expect("names of crates are text");
+    let used: BTreeSet<&str> = used.lines().filter_map(|line| line.split(' ').next()).collect();
+    assert!(used.contains("metamorph-scenario"), "{used:?}");
+    let asking: Vec<_> = OF_SYSTEMS.iter().filter(|name| used.contains(**name)).collect();
+    assert!(asking.is_empty(), "metamorph-runs uses {asking:?}");
+
+    let packages = metadata().packages;
+    for package in packages.iter().filter(|package| used.contains(package.name.as_str())) {
+        let mut files = Vec::new();
+        rust_files(
+            package.manifest_path.parent().expect("a manifest has a folder").join("src").as_std_path(),
+            &mut files,
+        );
+        for file in files.iter().filter(|file| !file.ends_with("tests.rs")) {
+            let text = fs::read_to_string(file).expect("sources are text");
+            let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
+            let lines = code.lines().filter(|line| !line.trim_start().starts_with("//"));
+            let asking: Vec<_> =
+                lines.filter(|line| SYSTEM_NAMES.iter().any(|name| line.contains(name))).collect();
+            assert!(asking.is_empty(), "{}: {asking:?}", file.display());
         }
     }
 }
@@ -161,7 +409,7 @@ fn every_file_begins_with_its_subject() {
 }
 
 /// The top-level modules of each crate, from the bottom up: a module may use those before it only.
-const LAYERS: [(&str, &[&str]); 7] = [
+const LAYERS: &[(&str, &[&str])] = &[
     (
         "protocol/core",
         &[
@@ -186,29 +434,10 @@ const LAYERS: [(&str, &[&str]); 7] = [
             "registry",
         ],
     ),
-    (
-        "world-controller",
-        &[
-            "console",
-            "scenario",
-            "control",
-            "swarm",
-            "report",
-            "record",
-            "view",
-            "run",
-            "plan",
-            "gait",
-            "family",
-            "room",
-            "structure",
-            "experiments",
-            "learn",
-            "pointing",
-            "studio",
-            "cli",
-        ],
-    ),
+    ("world-controller/processes", &["control", "swarm", "record", "run", "family"]),
+    ("world-controller/free-modules", &["plan", "gait", "structure"]),
+    ("world-controller/experiments", &["sweep", "diff", "explore"]),
+    ("world-controller/people", &["room", "pointing", "studio"]),
 ];
 
 /// Returns the modules that a source names by `crate::`, without its tests and comments.
@@ -222,7 +451,7 @@ fn used_modules(text: &str) -> BTreeSet<String> {
 
 #[test]
 fn modules_use_only_those_below_them() {
-    for (name, layers) in LAYERS {
+    for (name, layers) in LAYERS.iter().copied() {
         let source = root().join(name).join("src");
         let mut files = Vec::new();
         rust_files(&source, &mut files);
@@ -388,7 +617,7 @@ fn no_circle_of_more_than_four_files() {
 fn the_wait_loop_and_the_controller_loop_name_no_transport() {
     let start = root().join("module-agent/src/process/start.rs");
     let mut files = Vec::new();
-    for folder in ["module-agent/src/process", "world-controller/src/swarm/controller_loop"] {
+    for folder in ["module-agent/src/process", "world-controller/processes/src/swarm/controller_loop"] {
         rust_files(&root().join(folder), &mut files);
     }
     assert!(files.len() > 10 && files.contains(&start), "the sources were not found");
@@ -404,7 +633,7 @@ fn the_wait_loop_and_the_controller_loop_name_no_transport() {
 
 /// The folders of families, and the places outside of them that may name a family: benchmarks and published
 /// experiments are about one family each, and the command line has a command of one.
-const OF_FAMILIES: [&str; 18] = [
+const OF_FAMILIES: &[&str] = &[
     "protocol/src/lib.rs",
     "protocol/cube",
     "protocol/agents/src/metamodule",
@@ -414,22 +643,20 @@ const OF_FAMILIES: [&str; 18] = [
     "sim-bridge/src/metamodule",
     "sim-bridge/src/free_module",
     "module-agent/src/registry.rs",
-    "world-controller/src/family",
-    "world-controller/src/experiments/bench",
-    "world-controller/src/experiments/reproduce",
-    "world-controller/src/cli",
-    // Commands about structures of free modules.
-    "world-controller/src/plan",
-    "world-controller/src/gait",
-    "world-controller/src/structure",
-    "world-controller/src/learn",
+    "world-controller/families/src",
+    "world-controller/processes/src/family.rs",
+    "world-controller/bench",
+    "world-controller/reproduce",
+    "world-controller/cli",
+    // Plans and gaits of free modules, and what commands say of them.
+    "world-controller/free-modules",
     // Rooms are built by metamodules.
-    "world-controller/src/room",
+    "world-controller/people/src/room",
 ];
 
 #[test]
 fn families_are_named_in_their_folders_only() {
-    let folders = fs::read_dir(root().join("world-controller/src/family")).expect("families have folders");
+    let folders = fs::read_dir(root().join("world-controller/families/src")).expect("families have folders");
     let folders =
         folders.map(|entry| entry.expect("a folder can be read").path()).filter(|path| path.is_dir());
     let families: Vec<String> =
@@ -455,11 +682,11 @@ fn families_are_named_in_their_folders_only() {
 #[test]
 fn journals_do_not_use_the_command_line() {
     let mut files = Vec::new();
-    rust_files(&root().join("world-controller/src/record/journal"), &mut files);
+    rust_files(&root().join("world-controller/processes/src/record/journal"), &mut files);
     assert!(files.len() > 2, "the sources were not found");
     for file in files {
         let text = fs::read_to_string(&file).expect("sources are text");
-        for absent in ["clap", "crate::cli"] {
+        for absent in ["clap", "metamorph_cli"] {
             assert!(!text.contains(absent), "{} uses {absent}", file.display());
         }
     }

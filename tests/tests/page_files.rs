@@ -10,7 +10,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 fn page() -> PathBuf {
-    root().join("world-controller/src/view/page")
+    root().join("world-controller/view/src/page")
 }
 
 fn vendor() -> PathBuf {
@@ -46,7 +46,7 @@ fn the_library_is_the_one_that_was_made() {
     let library = fs::read(vendor().join("three.js")).unwrap();
     let sum: String = Sha256::digest(&library).iter().map(|byte| format!("{byte:02x}")).collect();
     let noted = fs::read_to_string(vendor().join("three.js.sha256")).unwrap();
-    assert_eq!(noted, format!("{sum}  three.js\n"), "run world-controller/src/view/page/vendor/make");
+    assert_eq!(noted, format!("{sum}  three.js\n"), "run world-controller/view/src/page/vendor/make");
     let text = String::from_utf8(library).unwrap();
     // The banner has the version that is locked, and the licence.
     let lock = fs::read_to_string(vendor().join("package-lock.json")).unwrap();

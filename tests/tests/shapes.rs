@@ -4,6 +4,7 @@
 
 use metamorph_protocol::lattice::Cell;
 use metamorph_tests::command::{Ran, root, run};
+use metamorph_world_controller::family::sources;
 use metamorph_world_controller::report::schema::Report;
 use metamorph_world_controller::scenario::mesh_import::{Import, Part, import};
 use proptest::prelude::*;
@@ -88,9 +89,10 @@ fn an_obj_whose_y_points_up_is_set_upright() {
                 f 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf -5 -8 -4 -1\n";
     fs::write(&path, text).unwrap();
     let upright =
-        import(&path, &how(Some(metamorph_world_controller::scenario::mesh_import::Up::Y))).unwrap();
+        import(sources(), &path, &how(Some(metamorph_world_controller::scenario::mesh_import::Up::Y)))
+            .unwrap();
     assert_eq!(upright.cells.iter().map(|c| c.z).max(), Some(2));
-    let lying = import(&path, &how(None)).unwrap();
+    let lying = import(sources(), &path, &how(None)).unwrap();
     assert_eq!((lying.cells.len(), lying.cells.iter().map(|c| c.z).max()), (6, Some(1)));
 }
 
@@ -348,7 +350,7 @@ fn survives(name: &str, bytes: &[u8]) {
         fill_voids: true,
         ..Import::default()
     };
-    match import(Path::new(&path), &how) {
+    match import(sources(), Path::new(&path), &how) {
         Ok(imported) => assert!(!imported.cells.is_empty()),
         Err(error) => assert!(!error.fix().is_empty() && error.to_string().contains(name), "{error}"),
     }

@@ -1,33 +1,98 @@
 //! The world-controller: reads scenarios, runs swarms, injects failures, measures, reports.
 //!
-//! From the bottom up, and each module uses only those before it: `console` writes to the terminal and
-//! to files; `scenario` makes a checked plan of a scenario file; `control` has the way of commands into a
-//! run; `swarm` runs one process per module;
-//! `report` says what a run did; `record` reads and writes journals; `view` makes the page and
-//! recordings for other viewers; `run` carries out one run, simulated, on processes or from a journal;
-//! `family` holds what belongs to one family of modules, and the list of them; `plan` plans for free modules;
-//! `gait` has gait files and learners; `room` has rooms of furniture; `structure` analyses their body and limbs;
-//! `experiments` carries out many runs; `learn` learns gaits; `pointing` finds the tile that a
-//! person points at; `studio` has the editor of drawings; `cli` is the command line.
+//! This crate is the command `metamorph` and the library of those who embed it: it has nothing of its own, and names the
+//! crates below it by what they are for. ARCHITECTURE.md draws them.
 //!
-//! Absent: decisions of the protocol, which are in `protocol`, and ground truth about the world, which
-//! is in `sim-bridge`.
+//! Absent: decisions of the protocol, which are in `metamorph_protocol`, and ground truth about the world, which
+//! is in `metamorph_sim_bridge`.
 
-pub mod cli;
-pub mod console;
-pub mod control;
-pub mod experiments;
-pub mod family;
-pub mod gait;
-pub mod learn;
-pub mod plan;
-pub mod pointing;
-pub mod record;
-pub mod report;
-pub mod room;
-pub mod run;
-pub mod scenario;
-pub mod structure;
-pub mod studio;
-pub mod swarm;
-pub mod view;
+pub use metamorph_cli as cli;
+pub use metamorph_cli::{learn, structure};
+pub use metamorph_free_modules::gait;
+pub use metamorph_people::{pointing, room, studio};
+pub use metamorph_processes::{control, record, swarm};
+
+/// The terminal, output files, signals, and how numbers and foreign text are written.
+pub mod console {
+    pub use metamorph_console::*;
+    pub use metamorph_text::*;
+}
+
+/// Scenarios: from TOML to a checked plan.
+pub mod scenario {
+    pub use metamorph_scenario::*;
+    pub use metamorph_shapes as mesh_import;
+}
+
+/// The report of a run.
+pub mod report {
+    pub use metamorph_processes::swarm::balance;
+    pub use metamorph_report::*;
+}
+
+/// Families of modules, and the list of them.
+pub mod family {
+    pub use metamorph_families::ExploredFamily;
+    pub use metamorph_processes::family::*;
+}
+
+/// One run: simulated, on processes, or replayed from a journal.
+pub mod run {
+    pub use metamorph_families::runnable;
+    pub use metamorph_processes::run::{PageChannels, processes};
+
+    /// Replay of journals.
+    pub mod replay {
+        pub use metamorph_families::worded::{self as words, Worded};
+        pub use metamorph_processes::run::replay::*;
+    }
+
+    /// Simulated runs.
+    pub mod simulated {
+        pub use metamorph_families::simulated::*;
+        pub use metamorph_processes::run::simulated::*;
+    }
+}
+
+/// Plans of free modules, and the command `plan`.
+pub mod plan {
+    pub use metamorph_cli::plan::*;
+    pub use metamorph_free_modules::plan::*;
+}
+
+/// The page of a run, pictures and exports.
+pub mod view {
+    pub use metamorph_scene::*;
+    pub use metamorph_view::*;
+
+    /// The bodies of a swarm, for pictures.
+    pub mod bodies {
+        pub use metamorph_families::visible::Bodies;
+        pub use metamorph_scene::bodies::*;
+    }
+
+    /// Builds a scene from the records of a run.
+    pub mod scene_builder {
+        pub use metamorph_families::scene_builder::SceneBuilder;
+        pub use metamorph_processes::record::journal::ReadError;
+        pub use metamorph_scene::shared::Shared;
+    }
+
+    /// The interface between a family and pictures of its runs.
+    pub mod visible {
+        pub use metamorph_families::visible::Visible;
+        pub use metamorph_scene::visible::*;
+    }
+}
+
+/// Commands that do many runs.
+pub mod experiments {
+    pub use metamorph_experiments::{diff, explore};
+    pub use metamorph_reproduce as reproduce;
+
+    /// Sweeps.
+    pub mod sweep {
+        pub use metamorph_experiments::sweep::*;
+        pub use metamorph_scenario::grid;
+    }
+}

@@ -4,6 +4,6 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     #[cfg(feature = "hosts")]
-    metamorph_world_controller::swarm::keep_zenoh_on_one_thread();
-    metamorph_world_controller::cli::dispatch::main(std::env::args_os())
+    metamorph_processes::swarm::keep_zenoh_on_one_thread();
+    metamorph_cli::dispatch::main(std::env::args_os())
 }

@@ -2,7 +2,7 @@
 
 use crate::protocol::family::PySwarm;
 use crate::protocol::{Protocol, Setup};
-use metamorph_world_controller::family::read_text;
+use metamorph_world_controller::family::{self, read_text};
 use metamorph_world_controller::scenario::diagnostics::{Diagnostics, Place};
 use metamorph_world_controller::scenario::error::ScenarioError;
 use metamorph_world_controller::scenario::plan_summary::overview;
@@ -113,7 +113,8 @@ impl Plan {
 /// Reads a file, or a scenario that ships, as the command does. Returns how it is called in messages, and its text.
 #[pyfunction]
 pub fn load(py: Python<'_>, path: PathBuf) -> PyResult<(String, String)> {
-    let loaded = scenario::load(&path).map_err(|diagnostics| invalid(py, &diagnostics, ""))?;
+    let loaded =
+        scenario::load(family::sources(), &path).map_err(|diagnostics| invalid(py, &diagnostics, ""))?;
     Ok((loaded.origin, loaded.text))
 }
 

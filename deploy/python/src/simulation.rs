@@ -6,7 +6,7 @@ use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_world_controller::console::stopwatch::Stopwatch;
-use metamorph_world_controller::family::{self, of};
+use metamorph_world_controller::family;
 use metamorph_world_controller::record::journal::JournalSession;
 use metamorph_world_controller::run::PageChannels;
 use metamorph_world_controller::run::simulated::{self, SteppedRun};
@@ -60,7 +60,7 @@ pub fn run(
             page: PageChannels::default(),
             search: true,
         };
-        (of(&plan.plan).simulate(&plan.plan, simulation).0, interrupted)
+        (simulated::simulate(&plan.plan, simulation).0, interrupted)
     };
     let (report, interrupted) = released(py, setup.is_none(), simulate);
     setup.map_or(Ok(()), |setup| setup.spec.check(py))?;

@@ -1,0 +1,247 @@
+//! Bodies of cubes that grow from others at growing sizes on the simulated link, with all invariants checked, and how
+//! time, moves and messages grow with the size: slab to sphere (thesis 4.1.2), and pyramids upon plates, which the parallel
+//! construction of Thalamy, Piranda, Lassabe and Bourgeois builds (2019, "Scaffold-Based Asynchronous Distributed
+//! Self-Reconfiguration By Continuous Module Flow").
+//!
+//! Beside moves and time are lower bounds for every protocol (`matching`, `bottleneck`), computed exactly for each size.
+//! Exponents are fits over the measured sizes, also those of the lower bounds: they bound nothing.
+
+use super::bottleneck::least_move_times;
+use super::machine::CpuWatch;
+use super::matching::least_moves;
+use super::{BenchError, Fit, fit};
+use metamorph_console::stopwatch::Stopwatch;
+use metamorph_console::terminal::Live;
+use metamorph_families::cube::Cubes;
+use metamorph_processes::family::{read_text, simulate};
+use metamorph_protocol::lattice::Cell;
+use metamorph_scenario::{LinkKind, Overrides, Plan};
+use metamorph_text::format::many;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// The radius of the smallest ball, in half cells.
+const SMALLEST: u32 = 2;
+
+/// What grows from what.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Shape {
+    /// A ball, in scaffold growth, from a slab of one layer.
+    Ball,
+    /// A pyramid, in scaffold growth, from a plate as wide as its base.
+    SolidPlate,
+    /// The same from a plate that is a scaffold itself: bars along the three axes, with tunnels in between.
+    PorousPlate,
+}
+
+impl Shape {
+    /// Returns its sizes: modules along a side of the slab, or layers of the pyramid and of the plate.
+    fn sizes(self) -> &'static [(u16, u16)] {
+        match self {
+            Shape::Ball => &[(10, 1), (20, 1), (30, 1), (50, 1), (70, 1), (100, 1)],
+            Shape::SolidPlate => &[(5, 3), (9, 3), (15, 6)],
+            Shape::PorousPlate => &[(5, 5), (9, 7), (15, 11), (21, 15)],
+        }
+    }
+
+    /// Returns the number by which the size is measured when growth is fitted.
+    pub fn size(self, row: &Row) -> u64 {
+        if self == Shape::Ball { row.modules } else { row.goal }
+    }
+}
+
+/// The results for all sizes.
+#[derive(Debug, Serialize)]
+pub struct Growth {
+    /// What grows from what. Growth is fitted over the modules of a slab, and over the goal cells of a pyramid.
+    pub shape: Shape,
+    /// A row for each size.
+    pub rows: Vec<Row>,
+    /// Growth of the scenario time until the goal is complete.
+    pub makespan: Option<Fit>,
+    /// Growth of the moves.
+    pub moves: Option<Fit>,
+    /// Growth of the lower bound of the moves over these sizes. The fit itself is not a bound.
+    pub least_moves: Option<Fit>,
+    /// Growth of the messages.
+    pub messages: Option<Fit>,
+}
+
+/// The result for one size.
+#[derive(Debug, Serialize)]
+pub struct Row {
+    /// Modules at the start, cells of the goal, and its layers.
+    pub modules: u64,
+    pub goal: u64,
+    pub layers: u64,
+    /// The sum of the sides of the box around start and goal, in cells.
+    pub box_sides: u64,
+    /// The outcome, and the number of violations.
+    pub outcome: String,
+    pub violations: u64,
+    /// Scenario seconds until the last cell was filled, and their lower bound: the bottleneck of the best assignment of cubes
+    /// to goal cells. A move takes one second.
+    pub makespan_s: f64,
+    pub least_makespan_s: u64,
+    /// Moves completed, and their lower bound: the cost of the best assignment of cubes to goal cells.
+    pub moves: u64,
+    pub least_moves: u64,
+    /// Moves divided by the lower bound.
+    pub times_least: f64,
+    /// Messages sent, in all and by class.
+    pub messages: u64,
+    pub by_class: BTreeMap<String, u64>,
+    pub messages_per_move: f64,
+    /// Processor time of the run in seconds.
+    pub cpu_s: f64,
+    pub trace_hash: String,
+}
+
+/// Measures all sizes of a shape with up to `most` modules.
+pub fn measure(shape: Shape, most: u64, live: &mut Live) -> Result<Growth, BenchError> {
+    let mut rows = Vec::new();
+    for size in shape.sizes() {
+        let plan = read(&match shape {
+            Shape::Ball => ball(size.0, SMALLEST),
+            Shape::SolidPlate | Shape::PorousPlate => pyramid(shape, *size),
+        })?;
+        if cubes(&plan)?.cells.len() as u64 <= most {
+            let plan = if shape == Shape::Ball { largest_ball(size.0, plan)? } else { plan };
+            rows.push(row(&plan, live)?);
+        }
+    }
+    let grows =
+        |f: fn(&Row) -> f64| fit(&rows.iter().map(|r| (shape.size(r) as f64, f(r))).collect::<Vec<_>>());
+    Ok(Growth {
+        shape,
+        makespan: grows(|r| r.makespan_s),
+        moves: grows(|r| r.moves as f64),
+        least_moves: grows(|r| r.least_moves as f64),
+        messages: grows(|r| r.messages as f64),
+        rows,
+    })
+}
+
+/// Returns a scenario with a start, a goal and its seed.
+fn scenario(start: &str, goal: &str, seed: [u16; 3]) -> String {
+    format!(
+        "version = 1\nseed = 1\n\
+         [swarm]\nstart = {start}\nmove_time = \"1s\"\n\
+         [[goal]]\nshape = {goal}\nseed = {seed:?}\n\
+         [link]\ndelay = \"50ms..200ms\"\n\
+         [stop]\ntimeout = \"20000s\"\n"
+    )
+}
+
+/// Returns the shape of a box.
+fn block(min: [u16; 3], max: [u16; 3]) -> String {
+    format!("{{ box = {{ min = {min:?}, max = {max:?} }} }}")
+}
+
+/// Returns the shape of several.
+fn union(parts: impl Iterator<Item = String>) -> String {
+    format!("{{ union = [{}] }}", parts.collect::<Vec<_>>().join(", "))
+}
+
+/// Returns a scenario with a slab and a ball.
+fn ball(side: u16, half_cells: u32) -> String {
+    let (last, middle) = (side - 1, side / 2);
+    let radius = f64::from(half_cells) / 2.0;
+    let sphere = format!("{{ sphere = {{ center = [{middle}, {middle}, 0], radius = {radius:.1} }} }}");
+    scenario(&block([0, 0, 0], [last, last, 0]), &sphere, [middle, middle, 0])
+}
+
+/// Returns a scenario with a plate and a pyramid. The lowest layer of the pyramid is the highest of the plate; each layer is
+/// two cells narrower than the one below.
+fn pyramid(shape: Shape, (layers, thick): (u16, u16)) -> String {
+    let (last, top) = (2 * layers - 2, thick - 1);
+    let plate = if shape == Shape::SolidPlate {
+        block([0, 0, 0], [last, last, top])
+    } else {
+        let even = |end: u16| (0..=end).step_by(2);
+        let crossing = |a: u16, b: u16| even(a).flat_map(move |a| even(b).map(move |b| (a, b)));
+        let columns = crossing(last, last).map(|(x, y)| block([x, y, 0], [x, y, top]));
+        let along_x = crossing(last, top).map(|(y, z)| block([0, y, z], [last, y, z]));
+        let along_y = crossing(last, top).map(|(x, z)| block([x, 0, z], [x, last, z]));
+        union(columns.chain(along_x).chain(along_y))
+    };
+    let goal = (0..layers).map(|k| block([k, k, top + k], [last - k, last - k, top + k]));
+    scenario(&plate, &union(goal), [layers - 1, layers - 1, top])
+}
+
+fn read(text: &str) -> Result<Plan, BenchError> {
+    let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
+    read_text("bench", text, &overrides).map_err(|diagnostics| BenchError::Wrong(diagnostics.to_string()))
+}
+
+/// Returns the scenario with the largest ball of at most three quarters of the modules of a slab; `best` has the smallest.
+fn largest_ball(side: u16, mut best: Plan) -> Result<Plan, BenchError> {
+    let modules = u64::from(side).pow(2);
+    // A scaffold fills half of a ball, so the cube root of the modules exceeds any radius. Balls that are too
+    // thin somewhere are skipped.
+    for half_cells in (SMALLEST + 1..).take_while(|h| u64::from(*h).pow(3) <= 8 * modules) {
+        if let Ok(larger) = read(&ball(side, half_cells))
+            && goal_cells(&larger)?.len() as u64 * 4 <= modules * 3
+        {
+            best = larger;
+        }
+    }
+    Ok(best)
+}
+
+fn cubes(plan: &Plan) -> Result<&Cubes, BenchError> {
+    plan.swarm.of().ok_or_else(|| BenchError::Wrong("the scenario is not one of cubes".to_owned()))
+}
+
+fn goal_cells(plan: &Plan) -> Result<Vec<Cell>, BenchError> {
+    Ok(cubes(plan)?.setup.goals.first().map_or(Vec::new(), |g| g.cells().collect()))
+}
+
+/// Returns the length of the cells along an axis.
+fn extent<'a>(cells: impl Iterator<Item = &'a Cell>, axis: fn(&Cell) -> i16) -> u64 {
+    let range = cells.map(axis).fold(None, |range, at| {
+        let (low, high) = range.unwrap_or((at, at));
+        Some((at.min(low), at.max(high)))
+    });
+    range.map_or(0, |(low, high)| u64::from(high.abs_diff(low)) + 1)
+}
+
+/// Measures one run.
+fn row(plan: &Plan, live: &mut Live) -> Result<Row, BenchError> {
+    let cells = &cubes(plan)?.cells;
+    let modules = cells.len() as u64;
+    let goal = goal_cells(plan)?;
+    let too_many = || BenchError::Wrong("the goal has too many cells".to_owned());
+    let least_moves = least_moves(cells, &goal).ok_or_else(too_many)?;
+    let least_makespan_s = least_move_times(cells, &goal).ok_or_else(too_many)?;
+    let axes: [fn(&Cell) -> i16; 3] = [|c| c.x, |c| c.y, |c| c.z];
+    let watch = CpuWatch::start();
+    let (report, _) = simulate(plan, Stopwatch::start(), &mut |now, so_far| {
+        live.show(|| {
+            let so_far = metamorph_report::progress(plan, now, &so_far());
+            format!("growth of {}: {so_far}", many(modules, "module"))
+        });
+        true
+    });
+    live.clear();
+    let by_class = report.messages.by_class.iter().map(|(class, c)| (class.clone(), c.sent)).collect();
+    Ok(Row {
+        modules,
+        goal: goal.len() as u64,
+        layers: extent(goal.iter(), |c| c.z),
+        box_sides: axes.map(|axis| extent(cells.iter().chain(&goal), axis)).iter().sum(),
+        outcome: report.outcome.clone(),
+        violations: report.invariants.broken,
+        makespan_s: report.stages.first().and_then(|s| s.built_s).unwrap_or(report.time.virtual_s),
+        least_makespan_s,
+        moves: report.moves,
+        least_moves,
+        times_least: report.moves as f64 / least_moves.max(1) as f64,
+        messages: report.messages.all.sent,
+        by_class,
+        messages_per_move: report.messages.all.sent as f64 / report.moves.max(1) as f64,
+        cpu_s: watch.elapsed().as_secs_f64(),
+        trace_hash: report.trace_hash.clone().unwrap_or_default(),
+    })
+}

@@ -1,0 +1,1 @@
+../../../../deploy/template/src/run.rs

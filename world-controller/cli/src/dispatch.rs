@@ -1,0 +1,119 @@
+//! The program: from its arguments to an exit code.
+
+use crate::commands::{CommandLine, execute};
+use clap::Parser;
+use metamorph_bench as bench;
+use metamorph_console::interrupt::Interrupt;
+use metamorph_console::stopwatch::Stopwatch;
+use metamorph_console::terminal::{self, note, print_error};
+use metamorph_processes::{family, swarm};
+use metamorph_text::command_error::{BAD_USAGE, CommandError, FAILED, Failure};
+use metamorph_text::escape::Shown;
+use std::ffi::OsString;
+use std::io::{IsTerminal, Write};
+use std::path::Path;
+use std::process::ExitCode;
+use thiserror::Error;
+
+/// The thread or the handlers for signals cannot be set up.
+#[derive(Debug, Error)]
+#[error("cannot listen for Ctrl-C: {0}")]
+struct NoSignals(std::io::Error);
+
+impl CommandError for NoSignals {}
+
+/// The remains of a killed controller cannot be removed.
+#[derive(Debug, Error)]
+#[error("cannot remove what a killed controller left behind: {0}")]
+struct NotRemoved(std::io::Error);
+
+impl CommandError for NotRemoved {}
+
+/// Executes the command given by the arguments (the first is the program's name).
+pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let since = Stopwatch::start();
+    let args: Vec<OsString> = args.into_iter().collect();
+    // Agents are started by the thousand: parsing the full command line costs each of them milliseconds, and
+    // memory that it keeps.
+    if let Some(done) = short_cut(&args) {
+        return match done {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(failure) => fail(&failure),
+        };
+    }
+    let line = match CommandLine::try_parse_from(&args) {
+        Ok(line) => line,
+        Err(error) => return ExitCode::from(refuse(&error, &args)),
+    };
+    log_to_stderr(line.verbose);
+    let carried_out = Interrupt::listen()
+        .map_err(|error| Failure::from(NoSignals(error)))
+        .and_then(|interrupt| execute(line.command, since, &interrupt));
+    match carried_out {
+        Ok(code) => ExitCode::from(unless_out_failed(code)),
+        Err(failure) => fail(&failure),
+    }
+}
+
+/// Prints help or a usage error. Clap chooses the stream and the colours.
+fn refuse(error: &clap::Error, args: &[OsString]) -> u8 {
+    if !error.use_stderr() {
+        note(error.print().and_then(|()| std::io::stdout().flush()));
+        return unless_out_failed(0);
+    }
+    // Clap quotes the arguments, so let it report on their escaped form.
+    let shown = args.iter().map(|arg| arg.to_string_lossy().shown());
+    let harmless = CommandLine::try_parse_from(shown).err().filter(clap::Error::use_stderr);
+    match harmless {
+        // A failure here cannot be reported anywhere.
+        Some(error) => drop(error.print()),
+        None => print_error(&error.to_string()),
+    }
+    BAD_USAGE
+}
+
+/// Returns the exit code, or [`FAILED`] if standard output could not be written: then the result was not
+/// seen.
+fn unless_out_failed(code: u8) -> u8 {
+    let Some(why) = terminal::failure() else { return code };
+    print_error(&format!(
+        "metamorph: standard output could not be written: {why}\n  fix: redirect it to a program or a file with room"
+    ));
+    FAILED
+}
+
+/// Executes one of the internal commands that this program starts itself with: an agent, the watcher of a
+/// controller, or a part of a benchmark. Returns `None` for all other arguments.
+fn short_cut(args: &[OsString]) -> Option<Result<(), Failure>> {
+    match args {
+        [_, agent, dashes, rest @ ..] if agent == "agent" && dashes == "--" => {
+            Some(family::agent(rest).map_err(Failure::from))
+        }
+        [_, watch, root] if watch == swarm::WATCH => {
+            Some(swarm::watch(Path::new(root)).map_err(|error| NotRemoved(error).into()))
+        }
+        [_, part, rest @ ..] if part == bench::SUBCOMMAND => Some(bench::part(rest).map_err(Failure::from)),
+        _ => None,
+    }
+}
+
+/// Reports a failure, and returns its exit code.
+fn fail(failure: &Failure) -> ExitCode {
+    print_error(&failure.text);
+    ExitCode::from(failure.exit_code)
+}
+
+/// zenoh reports as errors what is expected at the end of a session; of interest is whom its TLS refuses.
+const ZENOH: &str = "zenoh=off,zenoh_link_tls=warn";
+
+fn log_to_stderr(verbose: u8) {
+    let level = ["warn", "info", "debug", "trace"][usize::from(verbose.min(3))];
+    let filter = tracing_subscriber::EnvFilter::try_from_env("METAMORPH_LOG")
+        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(format!("{level},{ZENOH}")));
+    // Fails only if a subscriber is already installed.
+    let _ = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none())
+        .try_init();
+}

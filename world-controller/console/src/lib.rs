@@ -1,0 +1,8 @@
+//! The terminal, output files, signals and real time: all that commands ask of the operating system for people.
+
+pub mod files;
+pub mod interrupt;
+pub mod output;
+pub mod shutdown;
+pub mod stopwatch;
+pub mod terminal;

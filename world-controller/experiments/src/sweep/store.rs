@@ -1,0 +1,482 @@
+//! The directory of a sweep: its request (`manifest.json`) and every run (`runs.csv`).
+//!
+//! Lines of `runs.csv` are in the order of the runs. Only after an interruption may lines with gaps follow
+//! the first missing run; resuming reads them into memory, and writes them again in their place. A last line
+//! without a line end is left by a killed program. Absent: the summary and the report, which are derived from
+//! the runs at any time.
+
+use super::row::{self, Row, RowError};
+use metamorph_console::output::{OutputError, Outputs};
+use metamorph_module_agent::regular_file;
+use metamorph_scenario::error::MAX_BYTES;
+use metamorph_scenario::grid::Grid;
+use metamorph_text::escape::{Shown, json};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, BufRead, BufReader, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// The name of the format.
+const FORMAT: &str = "metamorph-sweep";
+/// The version of the directory's layout, `runs.csv` included.
+pub const VERSION: u32 = 2;
+/// File name of the manifest.
+const MANIFEST: &str = "manifest.json";
+/// File name of the runs.
+pub const RUNS: &str = "runs.csv";
+
+/// Bytes of a manifest at most: it contains a scenario in which every byte may be escaped.
+const LONGEST: u64 = 6 * MAX_BYTES + (1 << 20);
+
+/// Why a directory cannot be used.
+#[derive(Debug, Error)]
+pub enum StoreError {
+    /// The directory is not empty.
+    #[error("--out {}: the directory is not empty\n  fix: name a new or empty directory{}", .dir.shown(),
+        if *.resumable { ", or add --resume to continue the sweep in it" } else { "" })]
+    NotEmpty {
+        /// The directory.
+        dir: PathBuf,
+        /// True if it contains a sweep.
+        resumable: bool,
+    },
+    /// There is no sweep to resume.
+    #[error("--out {}: there is no sweep to resume, because {} is missing\n  fix: leave --resume out to start one", .0.shown(), MANIFEST)]
+    Nothing(PathBuf),
+    /// The manifest is damaged or of another kind.
+    #[error("{}: this is not the manifest of a sweep: {reason}\n  fix: name another directory with --out and start anew without --resume", .path.shown())]
+    Manifest {
+        /// The file.
+        path: PathBuf,
+        /// The cause.
+        reason: String,
+    },
+    /// The manifest has another version.
+    #[error("{}: the sweep has format version {found}; this program (metamorph {program}) reads version {VERSION}\n  fix: resume with the program that started it, or start anew in another directory",
+        .path.shown(), program = env!("CARGO_PKG_VERSION"))]
+    Version {
+        /// The file.
+        path: PathBuf,
+        /// Its version.
+        found: u32,
+    },
+    /// The directory contains another sweep.
+    #[error("--out {}: the sweep there has {what}: {theirs} there, {ours} here\n  fix: resume with the program and exactly the options that started it, or start anew in another directory", .dir.shown())]
+    Different {
+        /// The directory.
+        dir: PathBuf,
+        /// The difference.
+        what: &'static str,
+        /// The value in the directory.
+        theirs: String,
+        /// The value requested.
+        ours: String,
+    },
+    /// Another process writes to the directory.
+    #[error("--out {}: another sweep is writing there\n  fix: wait until it has ended, or name another directory", .0.shown())]
+    Busy(PathBuf),
+    /// The runs are damaged.
+    #[error("{}:{line}: {reason}\n  fix: remove this line and all after it, and resume; their runs are repeated", .path.shown())]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: u64,
+        /// The cause.
+        reason: String,
+    },
+    /// A run could not be written.
+    #[error("cannot write {}: {error}; earlier runs are kept, and --resume continues from there", .path.shown())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// The cause.
+        error: io::Error,
+    },
+    /// The manifest cannot be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// A file cannot be written.
+    #[error("--out: cannot write {}: {error}\n  fix: name a directory on a disk with room that is yours", .path.shown())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// The cause.
+        error: io::Error,
+    },
+}
+
+/// The request of a sweep. Sweeps with equal manifests have equal runs.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Manifest {
+    format: String,
+    version: u32,
+    /// The version of the program: another one may give other results.
+    program: String,
+    /// The file of the scenario, as named by the user.
+    scenario: String,
+    /// The text of the scenario.
+    text: String,
+    /// All runs.
+    #[serde(flatten)]
+    grid: Grid,
+}
+
+/// The part of every manifest that does not depend on its version.
+#[derive(Deserialize)]
+struct Stamp {
+    format: String,
+    version: u32,
+}
+
+impl Manifest {
+    /// Returns the text of its file.
+    pub fn text(&self) -> String {
+        json(self) + "\n"
+    }
+    /// Creates the manifest of a sweep of this program.
+    pub fn new(scenario: &str, text: &str, grid: &Grid) -> Manifest {
+        Manifest {
+            format: FORMAT.to_owned(),
+            version: VERSION,
+            program: env!("CARGO_PKG_VERSION").to_owned(),
+            scenario: scenario.to_owned(),
+            text: text.to_owned(),
+            grid: grid.clone(),
+        }
+    }
+
+    fn read(dir: &Path) -> Result<Manifest, StoreError> {
+        let path = dir.join(MANIFEST);
+        let bytes = match regular_file::read(&path, LONGEST) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                return Err(StoreError::Nothing(dir.into()));
+            }
+            Err(error) => return Err(StoreError::File { path, error }),
+            Ok(bytes) => bytes,
+        };
+        let wrong = |reason: String| StoreError::Manifest { path: path.clone(), reason };
+        let stamp: Stamp = serde_json::from_slice(&bytes).map_err(|e| wrong(e.to_string()))?;
+        if stamp.format != FORMAT {
+            return Err(wrong(format!("its format is `{}`", stamp.format)));
+        }
+        if stamp.version != VERSION {
+            return Err(StoreError::Version { path, found: stamp.version });
+        }
+        serde_json::from_slice(&bytes).map_err(|e| wrong(e.to_string()))
+    }
+
+    /// The directory of the scenario file does not matter.
+    fn must_be(&self, ours: &Manifest, dir: &Path) -> Result<(), StoreError> {
+        let differ = |what, theirs: String, ours: String| {
+            Err(StoreError::Different { dir: dir.into(), what, theirs, ours })
+        };
+        let vary = |m: &Manifest| match m.grid.vary.len() {
+            0 => "none".to_owned(),
+            _ => m.grid.vary.iter().map(|axis| format!("--vary {axis}")).collect::<Vec<_>>().join(" "),
+        };
+        if self.text != ours.text {
+            let name = |m: &Manifest| format!("the text of {} as it was given then", m.scenario);
+            return differ("another scenario", name(self), format!("that of {} now", ours.scenario));
+        }
+        if self.grid.vary != ours.grid.vary {
+            return differ("other variations", vary(self), vary(ours));
+        }
+        if self.grid.seeds != ours.grid.seeds {
+            return differ("other seeds", self.grid.seeds.to_string(), ours.grid.seeds.to_string());
+        }
+        if self.program != ours.program {
+            return differ("another version of metamorph", self.program.clone(), ours.program.clone());
+        }
+        Ok(())
+    }
+}
+
+/// The file that runs are written to.
+#[derive(Debug)]
+pub struct Store {
+    grid: Grid,
+    path: PathBuf,
+    out: csv::Writer<File>,
+}
+
+/// Runs done before.
+#[derive(Debug, Default)]
+pub struct Done {
+    /// Number of consecutive runs from the first on.
+    pub before: u64,
+    /// Later runs, which are not in the file any more and will be written in their place.
+    pub ahead: BTreeMap<u64, Row>,
+}
+
+impl Store {
+    /// Creates a sweep in a new or empty directory.
+    pub fn create(dir: &Path, manifest: &Manifest) -> Result<Store, StoreError> {
+        create_directory(dir)?;
+        Outputs::new().writes("--out", &dir.join(MANIFEST))?.write(manifest.text())?;
+        Store::open(dir, &manifest.grid, |_, _| {}).map(|(store, _)| store)
+    }
+
+    /// Resumes a sweep. `seen` is called with every run that stays in the file.
+    pub fn resume(
+        dir: &Path,
+        manifest: &Manifest,
+        seen: impl FnMut(u64, &Row),
+    ) -> Result<(Store, Done), StoreError> {
+        Manifest::read(dir)?.must_be(manifest, dir)?;
+        Store::open(dir, &manifest.grid, seen)
+    }
+
+    fn open(dir: &Path, grid: &Grid, seen: impl FnMut(u64, &Row)) -> Result<(Store, Done), StoreError> {
+        let path = dir.join(RUNS);
+        let failed = |error| StoreError::File { path: path.clone(), error };
+        let options = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
+        let mut file = options.map_err(failed)?;
+        // Reading from a pipe would block for ever.
+        if !file.metadata().map_err(failed)?.is_file() {
+            return Err(failed(io::Error::other("it is not a regular file")));
+        }
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Err(StoreError::Busy(dir.into())),
+            Err(TryLockError::Error(error)) => return Err(failed(error)),
+        }
+        let (done, end) = scan(&file, &path, grid, seen)?;
+        file.set_len(end).map_err(failed)?;
+        file.seek(SeekFrom::Start(end)).map_err(failed)?;
+        let out = csv::WriterBuilder::new().has_headers(false).buffer_capacity(1 << 16).from_writer(file);
+        let mut store = Store { grid: grid.clone(), path, out };
+        if end == 0 {
+            let written = row::write_header(&mut store.out, grid);
+            store.check(written)?;
+        }
+        Ok((store, done))
+    }
+
+    /// Adds a run; it may stay in memory until [`Store::flush`].
+    pub fn write(&mut self, run: u64, row: &Row) -> Result<(), StoreError> {
+        let written = row::write(&mut self.out, &self.grid, run, row);
+        self.check(written)
+    }
+
+    /// Passes everything to the operating system.
+    pub fn flush(&mut self) -> Result<(), StoreError> {
+        self.out.flush().map_err(|error| StoreError::Write { path: self.path.clone(), error })
+    }
+
+    fn check(&self, written: csv::Result<()>) -> Result<(), StoreError> {
+        let error = |e: csv::Error| StoreError::Write { path: self.path.clone(), error: e.into() };
+        written.map_err(error)
+    }
+}
+
+/// Creates a directory for results, or accepts an empty one.
+pub fn create_directory(dir: &Path) -> Result<(), StoreError> {
+    let failed = |error| StoreError::File { path: dir.into(), error };
+    fs::create_dir_all(dir).map_err(failed)?;
+    match fs::read_dir(dir).map_err(failed)?.next() {
+        None => Ok(()),
+        Some(_) => Err(StoreError::NotEmpty { dir: dir.into(), resumable: dir.join(MANIFEST).exists() }),
+    }
+}
+
+/// The runs of a sweep that is not resumed.
+#[derive(Debug)]
+pub struct Runs {
+    /// The scenario, as named by the user.
+    pub scenario: String,
+    /// The keys that are varied.
+    pub keys: Vec<String>,
+    /// The number of runs of the whole sweep.
+    pub planned: u64,
+    /// The runs done, each with the values of these keys.
+    pub rows: Vec<(Vec<String>, Row)>,
+}
+
+/// Reads the runs of a sweep.
+///
+/// # Errors
+///
+/// The directory has no sweep of this version, or its runs are damaged.
+pub fn read_runs(dir: &Path) -> Result<Runs, StoreError> {
+    let Manifest { scenario, grid, .. } = Manifest::read(dir)?;
+    let path = dir.join(RUNS);
+    let file = regular_file::open(&path).map_err(|error| StoreError::File { path: path.clone(), error })?;
+    let values = |run| grid.values(grid.combination(run)).into_iter().map(str::to_owned).collect();
+    let mut rows = Vec::new();
+    let (done, _) = scan(&file, &path, &grid, |run, row| rows.push((values(run), row.clone())))?;
+    rows.extend(done.ahead.into_iter().map(|(run, row)| (values(run), row)));
+    let keys = grid.vary.iter().map(|axis| axis.key.clone()).collect();
+    Ok(Runs { scenario, keys, planned: grid.runs(), rows })
+}
+
+/// Reads the runs of the file. Returns those done, and the offset of the first gap or torn line.
+fn scan(
+    file: &File,
+    path: &Path,
+    grid: &Grid,
+    mut seen: impl FnMut(u64, &Row),
+) -> Result<(Done, u64), StoreError> {
+    let mut expected_header = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
+    // Invariant: writing to memory does not fail.
+    let _ = row::write_header(&mut expected_header, grid);
+    let expected_header = expected_header.into_inner().unwrap_or_default();
+
+    let mut reader = BufReader::with_capacity(1 << 16, file);
+    let (mut done, mut end, mut line, mut number) = (Done::default(), 0, Vec::new(), 0);
+    loop {
+        line.clear();
+        let read = reader.read_until(b'\n', &mut line);
+        let length = read.map_err(|error| StoreError::File { path: path.into(), error })?;
+        // A line without its end is torn, or the end of the file is reached.
+        if line.last() != Some(&b'\n') {
+            return Ok((done, end));
+        }
+        number += 1;
+        let wrong = |reason: String| StoreError::Line { path: path.into(), line: number, reason };
+        if number == 1 {
+            if line != expected_header {
+                return Err(wrong("these are not the columns of this sweep".into()));
+            }
+            end = length as u64;
+            continue;
+        }
+        let (run, row) = row::read(&line, grid).map_err(|e: RowError| wrong(e.to_string()))?;
+        let last = done.ahead.last_key_value().map(|(run, _)| *run);
+        match last {
+            None if run == done.before => {
+                seen(run, &row);
+                done.before += 1;
+                end += length as u64;
+            }
+            None if run < done.before => return Err(wrong(format!("run {run} is there twice"))),
+            Some(last) if run <= last => return Err(wrong(format!("run {run} is not in its place"))),
+            _ => {
+                done.ahead.insert(run, row);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::row;
+    use super::*;
+    use metamorph_scenario::grid::{Axis, Seeds};
+
+    fn grid() -> Grid {
+        let vary = vec![Axis::parse("link.loss=0%,5%").unwrap()];
+        Grid::new(Seeds { from: 10, until: 13 }, vary).unwrap()
+    }
+    fn manifest() -> Manifest {
+        Manifest::new("a.toml", "version = 1\n", &grid())
+    }
+    fn write(store: &mut Store, runs: &[u64]) {
+        for run in runs {
+            store.write(*run, &row(grid().seed(*run))).unwrap();
+        }
+        store.flush().unwrap();
+    }
+    /// Returns the runs that a resumed sweep finds: those kept, and those ahead.
+    fn found(dir: &Path) -> (Vec<u64>, Vec<u64>) {
+        let mut kept = Vec::new();
+        let (_, done) = Store::resume(dir, &manifest(), |run, _| kept.push(run)).unwrap();
+        assert_eq!(kept.len() as u64, done.before);
+        (kept, done.ahead.into_keys().collect())
+    }
+
+    #[test]
+    fn what_is_ahead_of_a_gap_is_taken_up_and_written_in_its_place() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut store = Store::create(dir.path(), &manifest()).unwrap();
+        write(&mut store, &[0, 1, 2, 3, 4, 5]);
+        let whole = fs::read(dir.path().join(RUNS)).unwrap();
+        drop(store);
+        assert_eq!(found(dir.path()), (vec![0, 1, 2, 3, 4, 5], vec![]));
+
+        let other = tempfile::tempdir().unwrap();
+        let mut store = Store::create(other.path(), &manifest()).unwrap();
+        write(&mut store, &[0, 1, 3, 5]);
+        drop(store);
+        let (mut store, done) = Store::resume(other.path(), &manifest(), |_, _| {}).unwrap();
+        assert_eq!((done.before, done.ahead.keys().copied().collect()), (2, vec![3, 5]));
+        write(&mut store, &[2, 3, 4, 5]);
+        drop(store);
+        assert_eq!(fs::read(other.path().join(RUNS)).unwrap(), whole);
+    }
+
+    #[test]
+    fn a_torn_line_is_cut_wherever_it_is_torn() {
+        let dir = tempfile::tempdir().unwrap();
+        write(&mut Store::create(dir.path(), &manifest()).unwrap(), &[0, 1]);
+        let path = dir.path().join(RUNS);
+        let whole = fs::read(&path).unwrap();
+        let ends: Vec<usize> = (0..whole.len()).filter(|i| whole[*i] == b'\n').collect();
+        for length in 0..whole.len() {
+            fs::write(&path, &whole[..length]).unwrap();
+            let lines = ends.iter().filter(|end| **end < length).count();
+            let (kept, ahead) = found(dir.path());
+            assert_eq!((kept.len(), ahead.len()), (lines.saturating_sub(1), 0), "{length}");
+            // The rest ends with a complete line, at least the heading.
+            let left = fs::read(&path).unwrap();
+            assert_eq!(left, whole[..=ends[lines.saturating_sub(1)]], "{length}");
+        }
+    }
+
+    #[test]
+    fn damaged_lines_are_named() {
+        let dir = tempfile::tempdir().unwrap();
+        write(&mut Store::create(dir.path(), &manifest()).unwrap(), &[0, 1]);
+        let path = dir.path().join(RUNS);
+        let text = fs::read_to_string(&path).unwrap();
+        let lines: Vec<&str> = text.split_inclusive('\n').collect();
+        for (damaged, place) in [
+            (vec![lines[0], lines[1], lines[1]], ":3: run 0 is there twice"),
+            (vec![lines[0], lines[2], lines[1]], ":3: run 0 is not in its place"),
+            (vec![lines[0], "\n", lines[1]], ":2: it has"),
+            (vec!["run\n", lines[1]], ":1: these are not the columns"),
+        ] {
+            fs::write(&path, damaged.concat()).unwrap();
+            let error = Store::resume(dir.path(), &manifest(), |_, _| {}).unwrap_err().to_string();
+            assert!(error.contains(place) && error.contains("\n  fix: "), "{error}");
+        }
+    }
+
+    #[test]
+    fn only_the_same_sweep_goes_on() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = Store::create(dir.path(), &manifest()).unwrap();
+        let resume = |manifest: &Manifest| Store::resume(dir.path(), manifest, |_, _| {}).map(|_| ());
+        let refused = |manifest: &Manifest, part: &str| {
+            let error = resume(manifest).unwrap_err().to_string();
+            assert!(error.contains(part) && error.contains("\n  fix: "), "{error}");
+        };
+        refused(&manifest(), "another sweep is writing there");
+        drop(store);
+        resume(&Manifest::new("elsewhere/a.toml", "version = 1\n", &grid())).unwrap();
+        refused(&Manifest::new("a.toml", "version = 1 \n", &grid()), "another scenario");
+        let more = Grid { seeds: Seeds { from: 10, until: 14 }, ..grid() };
+        refused(&Manifest::new("a.toml", "version = 1\n", &more), "other seeds: 10..13 there, 10..14 here");
+        let none = Grid { vary: vec![], ..grid() };
+        refused(&Manifest::new("a.toml", "version = 1\n", &none), "--vary link.loss=0%,5% there, none here");
+        refused(&Manifest { program: "9.9.9".into(), ..manifest() }, "another version of metamorph");
+        let path = dir.path().join(MANIFEST);
+        let text = fs::read_to_string(&path).unwrap();
+        let version = |n: u32| (format!("\"version\": {n}"), format!("format version {n}"));
+        let ((ours, _), (newer, named)) = (version(VERSION), version(VERSION + 1));
+        for (old, new, part) in [
+            (ours.as_str(), newer.as_str(), named.as_str()),
+            ("metamorph-sweep", "else", "its format is `else`"),
+            ("{", "", "not the manifest of a sweep"),
+        ] {
+            fs::write(&path, text.replacen(old, new, 1)).unwrap();
+            refused(&manifest(), part);
+        }
+        fs::remove_file(&path).unwrap();
+        refused(&manifest(), "no sweep to resume");
+        let error = Store::create(dir.path(), &manifest()).unwrap_err().to_string();
+        assert!(error.contains("not empty") && !error.contains("--resume"), "{error}");
+    }
+}

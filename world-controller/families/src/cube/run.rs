@@ -1,0 +1,85 @@
+//! Runs a swarm of cubes and collects its results.
+
+use super::Cubes;
+use super::judge::CubeQuestion;
+use crate::runnable::{Runnable, stage};
+use metamorph_protocol::cube::params::Setup;
+use metamorph_protocol::time::{Span, Time};
+use metamorph_report::run_result::RunResult;
+use metamorph_report::schema::MoveReport;
+use metamorph_scenario::Plan;
+use metamorph_sim_bridge::cube::audit::audit_every;
+use metamorph_sim_bridge::cube::director::Director;
+use metamorph_sim_bridge::cube::world::{CubeWorld, MotionCounts};
+use metamorph_sim_bridge::director::progress::Progress;
+use metamorph_sim_bridge::world::invariants::Violation;
+use std::sync::Arc;
+
+/// Converts the counts of moves to their entry in the report, of a swarm that is not led.
+pub fn move_report(motions: &MotionCounts) -> MoveReport {
+    MoveReport {
+        started: motions.started,
+        completed: motions.completed,
+        failed: motions.failed,
+        refused_taken: motions.blocked,
+        refused_late: motions.late,
+        refused_stale: motions.stale,
+        refused_impossible: 0,
+        led: 0,
+    }
+}
+
+impl Runnable for Cubes {
+    type World = CubeWorld;
+    type Director = Director;
+
+    fn setup(&self) -> &Arc<Setup> {
+        &self.setup
+    }
+    fn world(&self, plan: &Plan) -> CubeWorld {
+        CubeWorld::new(&self.cells, self.time_step(), plan.seed)
+    }
+    fn director(&self, plan: &Plan) -> Director {
+        let (setup, schedule) = (Arc::clone(&self.setup), plan.schedule.clone());
+        Director::new(setup, self.cells.len(), schedule, plan.stop, plan.failure)
+    }
+    fn time_step(&self) -> Span {
+        self.setup.params.move_time
+    }
+    fn audit_every(&self) -> Span {
+        audit_every(self.time_step())
+    }
+    fn progress(director: &Director) -> Progress {
+        director.progress()
+    }
+    fn account(&self, plan: &Plan, director: &Director, world: &CubeWorld) -> RunResult {
+        let (crashed, restarted) = director.monitor().crashed_and_restarted();
+        let motions = world.motions();
+        RunResult {
+            ended: director.monitor().outcome(),
+            progress: director.progress(),
+            crashed,
+            restarted,
+            stall: director.monitor().stall().cloned(),
+            snapshot: director
+                .monitor()
+                .stall()
+                .map(|_| Box::new(CubeQuestion(director.snapshot(world))) as _),
+            struck: director.monitor().struck().to_vec(),
+            prevented: director.prevented(),
+            stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),
+            bodies: MoveReport { led: director.led(), ..move_report(&motions) },
+            moves: motions.completed,
+            operator: None,
+            family_part: None,
+        }
+    }
+    fn last_check(world: &mut CubeWorld, now: Time) -> (Vec<Violation>, u64) {
+        world.check_connected(now);
+        let motions = world.motions();
+        // Start of a move: its supports, those of other modules, connection. End of a move: space and
+        // support. And the whole body once at the end.
+        let checks = motions.started * 3 + (motions.completed + motions.failed) * 2 + 1;
+        (world.take_violations(), checks)
+    }
+}

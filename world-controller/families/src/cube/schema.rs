@@ -1,0 +1,49 @@
+//! The parts of the JSON schema of scenarios that only cubes have.
+
+use super::scenario::{CO_OWNERS, CONNECTIVITY, DEAD, GROWTH};
+use metamorph_scenario::family::FamilySchema;
+use metamorph_scenario::plan::BEAT;
+use metamorph_scenario::schema::{NUMBERED, of, one_of, or, said, seldom, table, text};
+use metamorph_scenario::shapes::KINDS;
+use serde_json::json;
+
+/// Returns the schema of the cubes' sections.
+pub fn schema() -> FamilySchema {
+    FamilySchema {
+        swarm: table(
+            "Cubes that slide over each other.",
+            &["start"],
+            json!({
+                "family": or(super::NAME, json!({ "const": super::NAME })),
+                "start": of("shape"),
+                "move_time": or(BEAT.to_string(), of("time")),
+                "failed_connections": seldom(),
+            }),
+        ),
+        goal: table(
+            "A shape to be grown from a seed.",
+            &["shape"],
+            json!({
+                "name": said(NUMBERED, text()),
+                "shape": of("shape"),
+                "seed": said(
+                    "Where growth begins. If left out, the occupied cell of the goal nearest to \
+                     its centre.",
+                    of("cell"),
+                ),
+                "growth": one_of(&GROWTH),
+            }),
+        ),
+        protocol: table(
+            "How cubes decide.",
+            &[],
+            json!({
+                "connectivity": one_of(&CONNECTIVITY),
+                "dead": or(DEAD[0].0, json!({ "const": DEAD[0].0 })),
+                "co_owners": or(CO_OWNERS, json!({ "type": "boolean" })),
+            }),
+        ),
+        shapes: &KINDS,
+        definitions: Vec::new(),
+    }
+}

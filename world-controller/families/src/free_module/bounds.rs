@@ -1,0 +1,16 @@
+//! Bounds for a standstill of free modules.
+
+use metamorph_protocol::free_module::reconfiguration::Setup;
+use metamorph_scenario::bounds::{Bounds, Passage};
+
+/// Returns the bounds of a structure of this many modules.
+pub fn bounds(setup: &Setup, modules: usize, passage: Passage) -> Bounds {
+    // A step may wait for its whole window, and then a silent module, and what is stuck, are tried again after the
+    // patience.
+    let usual = setup.patience * 4 + setup.window() * 4;
+    // A branch lock is asked along the structure and answered back.
+    let (legs, copies) = (2, modules as u64);
+    let late = passage.late * (2 * copies * 8);
+    let lost = setup.resend * (passage.more_tries(legs, copies) * copies);
+    Bounds { stall: usual + late + lost, legs, copies }
+}

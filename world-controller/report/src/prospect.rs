@@ -1,0 +1,86 @@
+//! Decides whether a run that stood still could have gone on: what is proved, not what a reason suggests.
+//!
+//! A diagnosis says what stops each module. Whether all of them together could have made progress is decided
+//! by a search, which ends with a proof, with a plan, or at its bound.
+
+use crate::run_result::Question;
+use metamorph_sim_bridge::director::outcome::Stall;
+use metamorph_sim_bridge::director::proof::RuleSet;
+use metamorph_sim_bridge::director::reason::Proves;
+
+/// The result for one standstill.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Prospect {
+    /// Whether modules that nothing holds in place could have filled more of the goal.
+    pub possible: Possible,
+    /// The widest rules under which progress is proved impossible.
+    pub within: Option<RuleSet>,
+}
+
+/// The result of a search.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Possible {
+    /// A plan of this many moves exists.
+    Yes(usize),
+    /// Proved impossible.
+    No,
+    /// The search reached its bound, or was not made.
+    Undecided,
+}
+
+impl Possible {
+    /// Returns the name used in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Possible::Yes(_) => "yes",
+            Possible::No => "no",
+            Possible::Undecided => "undecided",
+        }
+    }
+}
+
+impl Prospect {
+    /// The result if nothing is known.
+    pub const UNDECIDED: Prospect = Prospect { possible: Possible::Undecided, within: None };
+
+    /// Decides what could have been done; without a search if `question` is `None`.
+    pub fn of(stall: &Stall, question: Option<&dyn Question>) -> Prospect {
+        match question {
+            // A counting argument: modules that cannot move, or are in goal cells already, fill no others.
+            _ if stall.reason.proves == Proves::Counted => {
+                Prospect { possible: Possible::No, within: Some(RuleSet::Anything) }
+            }
+            // Another placement of the goal may allow more.
+            _ if stall.reason.proves == Proves::NotHere => Prospect::UNDECIDED,
+            // The director has searched already.
+            _ if stall.proof.is_some() => Prospect { possible: Possible::No, within: Some(RuleSet::Grown) },
+            Some(question) => question.prospect(),
+            None => Prospect::UNDECIDED,
+        }
+    }
+
+    /// Describes the result.
+    pub fn text(&self) -> String {
+        match (self.possible, self.within) {
+            (Possible::No, within) => {
+                let within = within.unwrap_or(RuleSet::Carried).text();
+                format!("proved: nothing more can be filled {within}")
+            }
+            (Possible::Yes(moves), Some(within)) => format!(
+                "proved: nothing more can be filled {within}; otherwise a plan exists, of {}",
+                plural(moves)
+            ),
+            (Possible::Yes(moves), None) => {
+                format!("it could have gone on: a plan exists, of {}", plural(moves))
+            }
+            (Possible::Undecided, Some(within)) => {
+                format!("proved: nothing more can be filled {within}; whether otherwise is not decided")
+            }
+            (Possible::Undecided, None) => "whether it could have gone on is not decided".to_owned(),
+        }
+    }
+}
+
+fn plural(moves: usize) -> String {
+    if moves == 1 { "1 move".to_owned() } else { format!("{moves} moves") }
+}

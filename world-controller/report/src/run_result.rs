@@ -1,0 +1,60 @@
+//! The results of world and director at the end of a run, from which reports are made.
+
+use crate::family_part::FamilyPart;
+use crate::operator::OperatorReport;
+use crate::prospect::Prospect;
+use crate::schema::{MoveReport, StageReport};
+use metamorph_protocol::time::Time;
+use metamorph_sim_bridge::director::faults::FaultRecord;
+use metamorph_sim_bridge::director::outcome::{Outcome, Stall};
+use metamorph_sim_bridge::director::progress::Progress;
+use metamorph_sim_bridge::director::proof::{Found, RuleSet};
+
+/// A standstill as a search problem: what could still have been done?
+pub trait Question {
+    /// Searches for a way to go on, and returns the result for the report of a run.
+    fn prospect(&self) -> Prospect;
+    /// Returns the widest rules under which progress is proved impossible, or else the search's result.
+    /// `misplaced` says whether more may be possible with the goal at another place.
+    fn judge(&self, misplaced: bool) -> Result<RuleSet, Found>;
+    /// Returns whether any robot with these modules could have built the whole goal; `None` if the search does
+    /// not decide it.
+    fn could_be_built(&self) -> Option<bool> {
+        None
+    }
+    /// Returns true if a standstill in which nothing was broken or restarted is the fault of the modules even
+    /// when nothing can be done any more, because they brought themselves there.
+    fn blames_whole_modules(&self) -> bool {
+        false
+    }
+}
+
+/// The results of director and world at the end of a run, for any family.
+pub struct RunResult {
+    /// Time and outcome; `None` if the run was interrupted.
+    pub ended: Option<(Time, Outcome)>,
+    /// The progress at the end.
+    pub progress: Progress,
+    /// Processes that died.
+    pub crashed: u64,
+    /// Processes that were restarted.
+    pub restarted: u64,
+    /// The standstill, if there was one.
+    pub stall: Option<Stall>,
+    /// The standstill as a search problem.
+    pub snapshot: Option<Box<dyn Question>>,
+    /// The effect of each fault.
+    pub struck: Vec<FaultRecord>,
+    /// Collisions prevented between modules, by negotiation or locks.
+    pub prevented: u64,
+    /// Every goal that was opened.
+    pub stages: Vec<StageReport>,
+    /// Counts of the bodies' actions.
+    pub bodies: MoveReport,
+    /// The number of moves completed, as the family counts moves.
+    pub moves: u64,
+    /// The scripted operator, if there was one.
+    pub operator: Option<OperatorReport>,
+    /// The results that only this family has.
+    pub family_part: Option<FamilyPart>,
+}

@@ -1,0 +1,181 @@
+//! The reward map (thesis 4.2.3): metamodules on a floor, the published scheme beside exact moves.
+
+use super::PlannerTable;
+use crate::Experiment;
+use crate::published::KINDS;
+use metamorph_console::interrupt::Interrupt;
+use metamorph_protocol::on_grid::reward_map::{Attachment, MILLION, Terrain};
+use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::rng::Rng;
+use metamorph_protocol::roombots::Kind;
+use metamorph_text::format::{count, percent};
+
+/// Connectors along each side of the published floor.
+const SIDE: i16 = 13;
+/// Cells along each edge of the published box.
+const BOX: i16 = 6;
+/// The channel of the floor with a narrow passage: its length in x and its width in y, in connectors. The floor has no other
+/// connectors at these x.
+const CHANNEL: [std::ops::RangeInclusive<i16>; 2] = [5..=7, 5..=7];
+/// Moves of the experiment with failing connections.
+const MOVES: u64 = 100_000;
+
+/// Makes the table.
+pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
+    let mut table = PlannerTable::new(Experiment::RewardMap);
+    for kind in KINDS {
+        if stop.is_set() {
+            break;
+        }
+        let floor = Terrain::floor(kind, SIDE, |_, _| false);
+        let channel = passage(kind);
+        let name = format!("{kind}, floor: failed tries per minimal move");
+        let cube = Terrain::cube(kind, BOX);
+        let scheme = |terrain: &Terrain, penalty: u32, draw: Draw| {
+            published(terrain, seeds, &Reading { penalty, smallest: false }, draw)
+        };
+        table.row(name, "1.22; 100 % reached", scheme(&floor, 0, ends));
+        table.row("  with a penalty of 2 moves for each visit", "", scheme(&floor, 2, ends));
+        let smallest = Reading { penalty: 0, smallest: true };
+        table.row("  always arriving in the smallest class", "", published(&floor, seeds, &smallest, ends));
+        table.row("  box", "0.92; 100 % reached", scheme(&cube, 0, ends));
+        table.row("  box, with a penalty of 2 moves for each visit", "", scheme(&cube, 2, ends));
+        table.row("  floor with a narrow passage", "100 % reached", scheme(&channel, 0, through));
+        table.row("  exact moves: failed tries; reached", "", exact(&floor, seeds, ends));
+        table.row("  exact moves on the box", "", exact(&cube, seeds, ends));
+        table.row("  exact moves through the passage", "", exact(&channel, seeds, through));
+        let (tries, moves) = failing(&floor);
+        let ratio = tries as f64 / moves.max(1) as f64;
+        let ours = format!("{ratio:.4} in {} moves (expected 1.0526)", count(moves));
+        table.row("  tries per move, 5 % of connections fail", "1.05 (19 of 20)", ours);
+        table.row("  expected tries past a connector that fails at 60 %", "", detour(&floor));
+    }
+    table.notes = vec![
+        format!(
+            "floor of {SIDE} by {SIDE} connectors, {seeds} random starts and goals with classes; 24 published"
+        ),
+        "the text leaves bonus, penalty, discount, ties, classes and start poses open; this is one reading"
+            .to_owned(),
+        "a connector can be reached in several classes, and the rates depend on which is taken: it is drawn"
+            .to_owned(),
+        "rates are over the walks that reach their goal; one is given up after 100 moves".to_owned(),
+        "exact: PAR cannot reach all states in the corners of a floor with a rim".to_owned(),
+        format!(
+            "box: the surface of {BOX} by {BOX} by {BOX} cells, all six faces; moves lead around its edges"
+        ),
+        "passage: connectors at x 5 to 7 only where y is 5 to 7, from one side to the other".to_owned(),
+        "box and passage with one metamodule; two and four published, in places that are not given"
+            .to_owned(),
+    ];
+    table
+}
+
+/// Makes the floor with the narrow passage.
+fn passage(kind: Kind) -> Terrain {
+    let [length, width] = CHANNEL;
+    Terrain::floor(kind, SIDE, |x, y| length.contains(&x) && !width.contains(&y))
+}
+
+/// Draws a start and a goal at different connectors.
+fn ends(terrain: &Terrain, rng: &mut Rng) -> (Attachment, Attachment) {
+    loop {
+        let (from, goal) = (terrain.draw(rng), terrain.draw(rng));
+        if from.connector != goal.connector {
+            return (from, goal);
+        }
+    }
+}
+
+/// Draws a start on one side of the passage and a goal on the other.
+fn through(terrain: &Terrain, rng: &mut Rng) -> (Attachment, Attachment) {
+    loop {
+        let (from, goal) = ends(terrain, rng);
+        let [first, last] = [CHANNEL[0].start(), CHANNEL[0].end()].map(|x| 2 * x);
+        if terrain.place(from)[0] < first && terrain.place(goal)[0] > last {
+            return (from, goal);
+        }
+    }
+}
+
+/// A way to draw a start and a goal.
+type Draw = fn(&Terrain, &mut Rng) -> (Attachment, Attachment);
+
+/// What the text leaves open.
+struct Reading {
+    /// Moves added for each earlier visit of a connector.
+    penalty: u32,
+    /// True to arrive in the smallest class that is possible; if false, it is drawn.
+    smallest: bool,
+}
+
+fn published(terrain: &Terrain, seeds: u64, reading: &Reading, draw: Draw) -> String {
+    let (mut reached, mut failed, mut minimal, mut moves) = (0, 0, 0, 0);
+    for seed in 0..seeds {
+        let (from, goal) = draw(terrain, &mut Rng::named(seed, "reward map", 0));
+        let mut classes = Rng::named(seed, "classes of arrival", 0);
+        let class = |n: usize| if reading.smallest { 0 } else { classes.below(n as u64) as usize };
+        let walk = terrain.walk(from, goal, reading.penalty, class);
+        if !walk.reached {
+            continue;
+        }
+        reached += 1;
+        failed += u64::from(walk.failed);
+        minimal += u64::from(walk.minimal);
+        moves += u64::from(walk.moves);
+    }
+    let per = |n: u64| n as f64 / minimal.max(1) as f64;
+    let share = percent(reached as f64 / seeds.max(1) as f64);
+    format!("{:.2}; {share} reached; {:.2} moves per minimal one", per(failed), per(moves))
+}
+
+fn exact(terrain: &Terrain, seeds: u64, draw: Draw) -> String {
+    let (mut reached, mut moves, mut minimal) = (0, 0, 0);
+    for seed in 0..seeds {
+        let (from, goal) = draw(terrain, &mut Rng::named(seed, "reward map", 0));
+        if let Some(cost) = terrain.expected(goal, |_| Ratio::ZERO).get(&from) {
+            reached += 1;
+            moves += cost / MILLION;
+            minimal += u64::from(terrain.map(goal.connector)[&from.connector]);
+        }
+    }
+    let share = percent(reached as f64 / seeds.max(1) as f64);
+    format!("0; {share} reached; {:.2} moves per minimal one", moves as f64 / minimal.max(1) as f64)
+}
+
+fn five_percent() -> Ratio {
+    Ratio::new(1, 20).expect("one of twenty is a probability")
+}
+
+fn failing(floor: &Terrain) -> (u64, u64) {
+    let mut rng = Rng::named(0, "failing connections", 0);
+    let (mut tries, mut moves) = (0, 0);
+    while moves < MOVES {
+        let (_, goal) = ends(floor, &mut rng);
+        let expected = floor.expected(goal, |_| five_percent());
+        for _ in 0..200 {
+            let from = floor.draw(&mut rng);
+            let (t, s) = floor.attempt(from, &expected, |_| five_percent(), &mut rng);
+            (tries, moves) = (tries + t, moves + s);
+        }
+    }
+    (tries, moves)
+}
+
+/// Puts a connector that fails at 60 % on a shortest path.
+fn detour(floor: &Terrain) -> String {
+    let end = |x, class| floor.at(x, SIDE / 2, class).expect("the floor has all its connectors");
+    let (from, goal) = (end(0, 0), end(SIDE / 2, 1));
+    let equal = floor.expected(goal, |_| five_percent());
+    let Some(bad) = floor.next(from).iter().min_by_key(|s| equal.get(s).copied().unwrap_or(u64::MAX)) else {
+        return "no move".to_owned();
+    };
+    let at = |s: Attachment| {
+        let bad = s.connector == bad.connector;
+        if bad { Ratio::new(3, 5).expect("three of five is a probability") } else { five_percent() }
+    };
+    let around = floor.expected(goal, at).get(&from).copied().unwrap_or(0);
+    // The same path as before, through the bad connector once.
+    let through = equal.get(&from).copied().unwrap_or(0) + MILLION * 5 / 2 - MILLION * 20 / 19;
+    let tries = |n: u64| n as f64 / MILLION as f64;
+    format!("{:.2}; along the shortest path {:.2}", tries(around), tries(through))
+}

@@ -1,0 +1,92 @@
+//! The description of a plan, for `metamorph check`.
+
+use crate::{LinkKind, Plan, hosts_summary};
+use metamorph_protocol::link::{ControllerLink, LinkModel};
+use metamorph_protocol::time::Time;
+use metamorph_sim_bridge::director::faults::{Origin, Scheduled};
+use metamorph_text::escape::Shown;
+use metamorph_text::format::{count, many};
+use std::fmt::Write;
+
+/// Faults listed at most; the rest is counted.
+const SHOWN: usize = 20;
+
+/// Describes the plan.
+pub fn overview(plan: &Plan) -> String {
+    let mut out = String::new();
+    // Writing to a string cannot fail.
+    let _ = write_all(&mut out, plan);
+    out
+}
+
+fn write_all(out: &mut String, plan: &Plan) -> std::fmt::Result {
+    writeln!(out, "{}", plan.title().shown())?;
+    if let Some(description) = &plan.description {
+        writeln!(out, "  {}", description.trim().shown())?;
+    }
+    writeln!(out)?;
+    plan.swarm.describe(plan, out)?;
+    write_link(out, plan)?;
+    let stop = &plan.stop;
+    writeln!(
+        out,
+        "  ends      at {} at the latest; no move for {} is a deadlock, nothing new filled for {} a livelock",
+        stop.timeout, stop.stall, stop.livelock
+    )?;
+    if plan.is_beyond {
+        writeln!(
+            out,
+            "            messages are lost so often that a standstill may only be a wait; set stall in [stop] to be sure"
+        )?;
+    }
+    write_faults(out, plan)?;
+    writeln!(out)?;
+    writeln!(out, "  run it with {}", plan.repeat_here())
+}
+
+fn write_link(out: &mut String, plan: &Plan) -> std::fmt::Result {
+    let link = &plan.link;
+    match plan.overrides.link {
+        LinkKind::Ipc => write!(
+            out,
+            "  link      ipc, {}, {} scenario seconds per second",
+            many(plan.swarm.len() as u64, "process"),
+            plan.time_scale
+        )?,
+        LinkKind::Sim => write!(out, "  link      sim, seed {}", plan.seed)?,
+    }
+    write!(out, "; {}", hosts_summary::rates(link))?;
+    if let Some(until) = link.harmless_from {
+        write!(out, "; until {until}")?;
+    }
+    writeln!(out)?;
+    for cut in &link.partitions {
+        let side = many(cut.side.len() as u64, "module");
+        writeln!(out, "            {side} cut off from {} to {}", cut.from, cut.until)?;
+    }
+    if let Some(controller) = &link.controller {
+        let ControllerLink { delay_min, delay_max, loss } = *controller;
+        let rates = LinkModel { delay_min, delay_max, loss, ..LinkModel::default() };
+        writeln!(out, "            orders and reports: {}", hosts_summary::rates(&rates))?;
+    }
+    link.hosts.as_ref().map_or(Ok(()), |hosts| hosts_summary::write(out, plan, hosts))
+}
+
+fn write_faults(out: &mut String, plan: &Plan) -> std::fmt::Result {
+    let mut name = "faults";
+    for Scheduled { at, fault, by } in plan.schedule.iter().take(SHOWN) {
+        let by = if *by == Origin::Scenario { String::new() } else { format!(", {by}") };
+        writeln!(out, "  {name:<8}  at {} {fault}{by}", at_ms(*at))?;
+        name = "";
+    }
+    match plan.schedule.len().saturating_sub(SHOWN) {
+        0 if plan.schedule.is_empty() => writeln!(out, "  faults    none"),
+        0 => Ok(()),
+        more => writeln!(out, "            … and {} more", count(more as u64)),
+    }
+}
+
+/// Rounds a drawn time down to milliseconds, for display.
+fn at_ms(at: Time) -> Time {
+    Time(at.0 / 1_000_000 * 1_000_000)
+}

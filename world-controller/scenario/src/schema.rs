@@ -1,0 +1,357 @@
+//! The JSON schema of scenarios (draft 2020-12), for editors and for programs that write scenarios.
+//!
+//! It lists the keys of each table and the kinds of their values. Consistency between values (a seed in its
+//! goal, the module that a fault names) is checked by the reader only. A test compares the keys and names
+//! that the reader knows at every place with these, so neither can change alone.
+//!
+//! An optional key has a `default`, which is the value that the reader uses, or its description says what
+//! happens without it.
+
+use super::commands;
+use super::controller_link;
+use super::error::{MAX_GOALS, VERSION};
+use super::family::{Families, FamilySchema, ScenarioFamily, fault_keys};
+use super::faults;
+use super::hosts;
+use super::operator;
+use super::plan::{NEVER, TIME_SCALE};
+use super::raw::SEED;
+use super::shapes::{AXES, PARTS, THIN, UPS, VOIDS};
+use super::table::default_of;
+use metamorph_protocol::lattice::Cell;
+use serde_json::{Map, Value, json};
+
+/// Returns the schema of scenarios that may name these families.
+pub fn schema(families: Families) -> Value {
+    let own = |family: &dyn ScenarioFamily| {
+        let part = |part: &str| of(&definition(family, part));
+        json!({ "properties": {
+            "swarm": part("Swarm"),
+            "goal": { "type": "array", "minItems": 1, "maxItems": MAX_GOALS, "items": part("Goal") },
+            "protocol": part("Protocol"),
+            "fault": { "type": "array", "items": part("Fault") },
+        } })
+    };
+    let named = |family: &dyn ScenarioFamily| {
+        json!({ "type": "object", "required": ["swarm"], "properties": { "swarm": {
+            "type": "object", "required": ["family"],
+            "properties": { "family": { "const": family.name() } },
+        } } })
+    };
+    let mut schema = json!({
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "A scenario of Metamorph",
+        "type": "object",
+        "additionalProperties": false,
+        "required": ["version", "swarm", "goal"],
+        "properties": {
+            "version": said("The version of this format.", json!({ "const": VERSION })),
+            "name": said("The name of the scenario. Default: the name of its file.", text()),
+            "description": said("A description; may be left out.", text()),
+            "seed": said("The seed of the run's randomness.", or(SEED, natural())),
+            "swarm": said("The modules and where they start.", json!({ "type": "object" })),
+            "goal": said("The goals, one after the other.", json!({ "type": "array" })),
+            "protocol": said("How modules decide.", or(json!({}), json!({ "type": "object" }))),
+            "link": or(json!({}), of("link")),
+            "process": or(json!({}), of("process")),
+            "fault": said("The faults.", or(json!([]), json!({ "type": "array" }))),
+            "command": said(
+                "Commands of operators to the run.",
+                or(json!([]), json!({ "type": "array", "items": of("command") })),
+            ),
+            "operator": said("A scripted operator, or how much modules decide for themselves; if left out, no operator.", of("operator")),
+            "stop": or(json!({}), of("stop")),
+        },
+        "$defs": definitions(families),
+    });
+    // The first family is the default.
+    let default = own(families.all[0]);
+    let choice = families.all[1..].iter().fold(
+        default,
+        |others, family| json!({ "if": named(*family), "then": own(*family), "else": others }),
+    );
+    for (key, value) in choice.as_object().into_iter().flatten().filter(|_| families.all.len() > 1) {
+        schema[key] = value.clone();
+    }
+    schema
+}
+
+/// Returns the name of the definition of a family's part.
+fn definition(family: &dyn ScenarioFamily, part: &str) -> String {
+    format!("{}{part}", family.name())
+}
+
+fn definitions(families: Families) -> Value {
+    let mut all = Map::new();
+    for (name, value) in values()
+        .into_iter()
+        .chain(shared())
+        .chain(faults::schema())
+        .chain(commands::schema())
+        .chain(hosts::schema())
+        .chain(controller_link::schema())
+        .chain(operator::schema())
+        .chain(shapes())
+    {
+        all.insert(name.to_owned(), value);
+    }
+    for family in families.all {
+        let FamilySchema { swarm, goal, protocol, definitions, .. } = family.schema();
+        let parts =
+            [("Swarm", swarm), ("Goal", goal), ("Protocol", protocol), ("Fault", any(&fault_keys(*family)))];
+        all.extend(parts.map(|(part, value)| (definition(*family, part), value)));
+        let own = family.world_faults().iter().map(|kind| (kind.key, (kind.schema)()));
+        all.extend(definitions.into_iter().chain(own).map(|(name, value)| (name.to_owned(), value)));
+    }
+    Value::Object(all)
+}
+
+/// Describes a bound with a default that depends on the swarm.
+const BOUND: &str = "the default depends on the size of the swarm; `metamorph check` shows it.";
+/// Describes the default name of a goal.
+pub const NUMBERED: &str = "If left out, `goal 1` and so on.";
+
+/// Definitions by name.
+pub type Definitions = Vec<(&'static str, Value)>;
+
+/// Returns the definitions of single values.
+fn values() -> Definitions {
+    let coordinate = json!({ "type": "integer", "minimum": -Cell::LIMIT, "maximum": Cell::LIMIT });
+    let coordinates = |n: u8| json!({ "type": "array", "items": coordinate, "minItems": n, "maxItems": n });
+    let modules = json!({ "anyOf": [natural(), { "type": "array", "items": natural() }] });
+    vec![
+        ("time", said("A length of time, such as 200ms, 1.5s or 2min.", text())),
+        ("window", said("Two times, such as 0s..60s.", json!({ "type": "string", "pattern": "\\.\\." }))),
+        ("delay", said("One time or two, such as 10ms..100ms.", text())),
+        ("probability", said("Such as 5%, 0.05 or 1/20.", json!({ "type": ["string", "number"] }))),
+        ("cell", said("The coordinates of a cell; z points up.", coordinates(3))),
+        ("connector", said("The coordinates of a connector of the floor.", coordinates(2))),
+        ("modules", said("The number of a module, from 0, or several.", modules)),
+        ("radius", said("In cells.", json!({ "type": "number", "minimum": 0, "maximum": Cell::LIMIT }))),
+        ("axis", names(&AXES.map(|(name, _)| name))),
+    ]
+}
+
+/// Returns the definitions shared by all families.
+fn shared() -> Definitions {
+    vec![
+        (
+            "link",
+            table(
+                "Delays and impairments of messages.",
+                &[],
+                json!({
+                    "delay": said(
+                        "If left out, from a hundredth to a tenth of a move or of a step of a joint on the simulated \
+                         link; of processes, only the real one.",
+                        of("delay"),
+                    ),
+                    "loss": seldom(),
+                    "duplicate": seldom(),
+                    "reorder": seldom(),
+                    "corrupt": seldom(),
+                    "until": said("When all of these but the delay end. Default: never.", of("time")),
+                    "controller": said("If left out, orders and reports take no time.", of("controller-link")),
+                    "between_hosts": said("If left out, all modules are on one host.", of("between_hosts")),
+                }),
+            ),
+        ),
+        (
+            "process",
+            table(
+                "Settings for runs of processes.",
+                &[],
+                json!({ "time_scale": said(
+                    "Scenario seconds per real second.",
+                    or(TIME_SCALE, json!({ "type": "number", "exclusiveMinimum": 0 })),
+                ) }),
+            ),
+        ),
+        (
+            "stop",
+            table(
+                "When a run ends.",
+                &[],
+                json!({
+                    "timeout": said(&format!("The latest end; {BOUND}"), of("time")),
+                    "stall": said(&format!("Standing still for longer is a deadlock; {BOUND}"), of("time")),
+                    "livelock": said(
+                        &format!("Moving for longer without filling anything is a livelock; {BOUND}"),
+                        of("time"),
+                    ),
+                }),
+            ),
+        ),
+    ]
+}
+
+/// Returns the definitions of shapes that are sets of cells.
+fn shapes() -> Definitions {
+    let parts = json!({ "type": "array", "items": of("shape") });
+    vec![
+        (
+            "shape",
+            one_of_its_keys(table(
+                "A set of cells; one of these.",
+                &[],
+                json!({
+                    "box": of("box"),
+                    "sphere": of("sphere"),
+                    "disc": of("disc"),
+                    "cylinder": of("cylinder"),
+                    "cells": said("Each named once.", json!({ "type": "array", "items": of("cell") })),
+                    "file": of("file"),
+                    "union": parts,
+                    "difference": said("The first without the others.", parts.clone()),
+                    "intersection": parts,
+                }),
+            )),
+        ),
+        (
+            "box",
+            table(
+                "Both corners belong to it.",
+                &["min", "max"],
+                json!({ "min": of("cell"), "max": of("cell") }),
+            ),
+        ),
+        (
+            "sphere",
+            table("A ball.", &["center", "radius"], json!({ "center": of("cell"), "radius": of("radius") })),
+        ),
+        (
+            "disc",
+            table(
+                "One cell thick, at right angles to its axis.",
+                &["center", "radius"],
+                json!({ "center": of("cell"), "radius": of("radius"), "axis": or(default_of(&AXES), of("axis")) }),
+            ),
+        ),
+        (
+            "cylinder",
+            table(
+                "A stack of discs.",
+                &["base", "radius", "height"],
+                json!({
+                    "base": of("cell"),
+                    "radius": of("radius"),
+                    "height": natural(),
+                    "axis": or(default_of(&AXES), of("axis")),
+                }),
+            ),
+        ),
+        (
+            "file",
+            table(
+                "A solid (.stl, .obj), a scene of MagicaVoxel (.vox), a configuration of VisibleSim (.xml) or a drawing (.toml).",
+                &["path"],
+                json!({
+                    "path": said("Relative to the scenario.", text()),
+                    "pitch": said(
+                        "The edge of a cell in the units of the file. A solid needs it; of a configuration it is left out.",
+                        json!({ "type": "number" }),
+                    ),
+                    "up": said("The axis of a solid that points up.", one_of(&UPS)),
+                    "at": said(
+                        "Of a solid, the cell of the middle of its lowest layer; of a configuration, its origin.",
+                        or(json!(<[i16; 3]>::from(Cell::default())), of("cell")),
+                    ),
+                    "part": said("Of a configuration.", one_of(&PARTS)),
+                    "thin": said("What to do with parts thinner than a cell.", one_of(&THIN)),
+                    "voids": said("What to do with inner voids.", one_of(&VOIDS)),
+                }),
+            ),
+        ),
+    ]
+}
+
+/// Returns a reference to a definition.
+pub fn of(definition: &str) -> Value {
+    json!({ "$ref": format!("#/$defs/{definition}") })
+}
+
+/// Adds a description to a schema.
+pub fn said(description: &str, mut schema: Value) -> Value {
+    schema["description"] = json!(description);
+    schema
+}
+
+/// Marks a schema as that of a key's former name.
+pub fn former(key: &str, mut schema: Value) -> Value {
+    schema["deprecated"] = json!(true);
+    said(&format!("The former name of `{key}`."), schema)
+}
+
+/// Adds a default to a schema.
+pub fn or(default: impl Into<Value>, mut schema: Value) -> Value {
+    schema["default"] = default.into();
+    schema
+}
+
+/// Returns the schema of a name from a table, with the default of its type.
+pub fn one_of<T: Default + PartialEq>(names: &[(&'static str, T)]) -> Value {
+    let all: Vec<&str> = names.iter().map(|(name, _)| *name).collect();
+    or(default_of(names), json!({ "enum": all }))
+}
+
+/// Returns the schema of a probability that defaults to zero.
+pub fn seldom() -> Value {
+    or(NEVER.to_string(), of("probability"))
+}
+
+/// Returns the schema of the optional end of a fault.
+pub fn for_good() -> Value {
+    said("When it is repaired. Default: never.", of("time"))
+}
+
+/// Returns the schema of any text.
+pub fn text() -> Value {
+    json!({ "type": "string" })
+}
+
+/// Returns the schema of a whole number that is not negative.
+pub fn natural() -> Value {
+    json!({ "type": "integer", "minimum": 0 })
+}
+
+/// Returns the schema of one of these names.
+pub fn names(names: &[&str]) -> Value {
+    json!({ "enum": names })
+}
+
+/// Returns the schema of one of these definitions.
+pub fn any(definitions: &[&str]) -> Value {
+    json!({ "oneOf": definitions.iter().map(|name| of(name)).collect::<Vec<_>>() })
+}
+
+/// Returns the schema of a table with these keys and no others.
+pub fn table(description: &str, required: &[&str], properties: Value) -> Value {
+    json!({
+        "description": description,
+        "type": "object",
+        "additionalProperties": false,
+        "required": required,
+        "properties": properties,
+    })
+}
+
+/// Restricts a table to exactly one of its keys.
+pub fn one_of_its_keys(mut table: Value) -> Value {
+    table["minProperties"] = json!(1);
+    table["maxProperties"] = json!(1);
+    table
+}
+
+/// Returns the schema of a fault: its kind and target, required times, and more optional keys.
+pub fn fault(description: &str, verb: &str, times: &[&str], more: Value) -> Value {
+    let mut schema = table(description, &[&[verb], times].concat(), json!({ (verb): of("modules") }));
+    for time in times {
+        schema["properties"][*time] = of("time");
+    }
+    if let Value::Object(more) = more {
+        for (key, value) in more {
+            schema["properties"][key] = value;
+        }
+    }
+    schema
+}
