@@ -5,6 +5,7 @@
 use cargo_metadata::{DependencyKind, Metadata, MetadataCommand, NodeDep};
 use metamorph_tests::command::root;
 use std::collections::BTreeSet;
+use std::process::Command;
 
 /// Returns the resolved dependencies of the default build on this platform.
 fn metadata() -> Metadata {
@@ -64,5 +65,21 @@ fn the_default_build_has_no_links_between_machines() {
     assert!(of_feature.contains(&"zenoh"), "{of_feature:?}");
     for name in of_feature.into_iter().chain(["zenoh-transport", "tokio-rustls", "lz4_flex"]) {
         assert!(!names.contains(name), "the default build has {name}");
+    }
+}
+
+/// Without the feature `physics` neither the simulation nor the command brings the engine.
+#[test]
+fn a_build_without_physics_has_no_engine() {
+    let has_engine = |package: &str, options: &[&str]| {
+        let mut tree = Command::new(env!("CARGO"));
+        tree.current_dir(root()).args(["tree", "--offline", "--edges", "normal", "--package", package]);
+        let tree = tree.args(options).output().unwrap();
+        assert!(tree.status.success(), "{}", String::from_utf8_lossy(&tree.stderr));
+        String::from_utf8_lossy(&tree.stdout).contains("rapier3d")
+    };
+    for package in ["metamorph-sim-bridge", "metamorph-world-controller"] {
+        assert!(has_engine(package, &[]), "{package}");
+        assert!(!has_engine(package, &["--no-default-features"]), "{package}");
     }
 }
