@@ -1,14 +1,12 @@
 //! Scenes of MagicaVoxel (.vox): the voxels of all models that are shown, where the scene puts them. z is up, as here.
 //!
-//! The library passes over what it cannot read, follows nested chunks by recursion, and asserts that rotations are
-//! valid. So `check` looks at all chunks before: it refuses what would be lost, and bounds what is parsed. Ignored: colours,
-//! materials, cameras. Of an animation, the first frame counts.
+//! A part that cannot be read is an error, and `File::read` bounds the rest. Ignored: colours, materials, cameras. Of an
+//! animation, the first frame counts.
 
 use super::error::{MAX_VOX_CHUNKS, MAX_VOX_SCENE, MAX_VOXELS, SolidError};
 use super::visiblesim::in_range;
-use dot_vox::{DotVoxData, Frame, Model, SceneNode};
 use metamorph_protocol::lattice::Cell;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Bytes before the first chunk: the name of the format and its version.
 const HEADER: usize = 8;
@@ -38,28 +36,50 @@ struct Motion {
     by: [i64; 3],
 }
 
+/// Attributes of a node, of a frame or of a layer.
+type Attributes<'a> = BTreeMap<&'a str, &'a str>;
+
+/// A model: the lengths of its sides, and of each voxel its place and its colour.
+#[derive(Debug)]
+struct Model<'a> {
+    size: [u32; 3],
+    voxels: &'a [[u8; 4]],
+}
+
+/// A node of the scene. Others are named by their number.
+#[derive(Debug)]
+enum Node<'a> {
+    /// Moves its child; of an animation, as in the first frame.
+    Transform { is_hidden: bool, child: u32, layer: u32, frame: Option<Attributes<'a>> },
+    /// Holds children.
+    Group(Vec<u32>),
+    /// Shows a model; of an animation, the first.
+    Shape(Option<u32>),
+}
+
+/// The parts of a file that say which cells are filled.
+#[derive(Debug, Default)]
+struct File<'a> {
+    models: Vec<Model<'a>>,
+    nodes: Vec<Node<'a>>,
+    /// Whether each layer is hidden.
+    layers: Vec<bool>,
+}
+
 /// Reads the cells of a scene.
-pub fn cells(file: &str, bytes: &[u8]) -> Result<BTreeSet<Cell>, SolidError> {
-    let counts = check(file, bytes)?;
-    let damaged = |why: &str| damaged(file, "a chunk".to_owned(), why);
-    let data = dot_vox::load_bytes(bytes).map_err(&damaged)?;
-    if data.models.len() != counts.models {
-        return Err(damaged("a model has no size, or fewer voxels than it says"));
-    }
-    if data.scenes.len() != counts.nodes || data.layers.len() != counts.layers {
-        return Err(damaged("a part of the scene ends early"));
-    }
-    let mut scene = Scene { file, data: &data, cells: BTreeSet::new(), left: MAX_VOXELS };
-    if data.scenes.is_empty() {
+pub fn cells(name: &str, bytes: &[u8]) -> Result<BTreeSet<Cell>, SolidError> {
+    let file = File::read(name, bytes)?;
+    let mut scene = Scene { name, file: &file, cells: BTreeSet::new(), left: MAX_VOXELS };
+    if file.nodes.is_empty() {
         // Older files have models only; several are the frames of an animation.
-        if let Some(model) = data.models.first() {
+        if let Some(model) = file.models.first() {
             scene.put(model, Motion::none(), false)?;
         }
     } else {
         scene.walk()?;
     }
     if scene.cells.is_empty() {
-        return Err(SolidError::NoVoxel(file.to_owned()));
+        return Err(SolidError::NoVoxel(name.to_owned()));
     }
     Ok(scene.cells)
 }
@@ -68,78 +88,171 @@ fn damaged(file: &str, place: String, why: &str) -> SolidError {
     SolidError::Damaged { file: file.to_owned(), place, why: why.to_owned() }
 }
 
-/// Looks at the chunks of a file, and counts what they hold.
-fn check(file: &str, bytes: &[u8]) -> Result<Counts, SolidError> {
-    let wrong = |at: usize, why: &str| damaged(file, format!("byte {at}"), why);
-    let too_many = |what, most| SolidError::TooMuch { file: file.to_owned(), what, most };
-    if !bytes.starts_with(b"VOX ") {
-        return Err(wrong(0, "this is no MagicaVoxel file; one begins with `VOX `"));
+impl<'a> File<'a> {
+    /// Reads the chunks of a file.
+    fn read(name: &str, bytes: &'a [u8]) -> Result<File<'a>, SolidError> {
+        let wrong = |at: usize, why: &str| damaged(name, format!("byte {at}"), why);
+        let too_many = |what, most| SolidError::TooMuch { file: name.to_owned(), what, most };
+        if !bytes.starts_with(b"VOX ") {
+            return Err(wrong(0, "this is no MagicaVoxel file; one begins with `VOX `"));
+        }
+        let number = |at: usize| {
+            let four = bytes.get(at..at.checked_add(4)?)?;
+            Some(u32::from_le_bytes(four.try_into().ok()?) as usize)
+        };
+        // The name of a chunk, the place of its content, the lengths of content and of inner chunks.
+        let chunk = |at: usize, end: usize| {
+            let (content, inner) = (number(at + 4)?, number(at + 8)?);
+            let length = CHUNK.checked_add(content)?.checked_add(inner)?;
+            (length <= end.checked_sub(at)?).then(|| (&bytes[at..at + 4], at + CHUNK, content, inner))
+        };
+        let early = "the file ends in the chunk that begins here";
+        let main = chunk(HEADER, bytes.len()).ok_or_else(|| wrong(HEADER, early))?;
+        let (b"MAIN", at, content, inner) = main else {
+            return Err(wrong(HEADER, "the first chunk is not `MAIN`"));
+        };
+        let (mut at, end) = (at + content, at + content + inner);
+        let (mut file, mut counts, mut chunks) = (File::default(), Counts::default(), 0);
+        let mut size = None;
+        while at < end {
+            let (kind, from, content, inner) = chunk(at, end).ok_or_else(|| wrong(at, early))?;
+            if inner > 0 {
+                return Err(wrong(at, "chunks within a chunk other than `MAIN` are not read"));
+            }
+            if std::str::from_utf8(kind).is_err() {
+                return Err(wrong(at, "no chunk has this name"));
+            }
+            chunks += 1;
+            let first = number(from).filter(|_| content >= 4);
+            match kind {
+                b"XYZI" => {
+                    counts.models += 1;
+                    counts.voxels += first.unwrap_or(0).min(content / 4);
+                }
+                b"nTRN" | b"nGRP" | b"nSHP" => {
+                    if first != Some(counts.nodes) {
+                        return Err(wrong(at, "the nodes of the scene are not in ascending order"));
+                    }
+                    counts.nodes += 1;
+                }
+                b"LAYR" => {
+                    if first != Some(counts.layers) {
+                        return Err(wrong(at, "the layers of the scene are not in ascending order"));
+                    }
+                    counts.layers += 1;
+                }
+                _ => {}
+            }
+            counts.scene += if kind == b"XYZI" { 0 } else { content };
+            if chunks > MAX_VOX_CHUNKS {
+                return Err(too_many("chunks", MAX_VOX_CHUNKS));
+            }
+            if counts.voxels > MAX_VOXELS {
+                return Err(too_many("voxels", MAX_VOXELS));
+            }
+            if counts.scene > MAX_VOX_SCENE {
+                return Err(too_many("bytes that describe the scene", MAX_VOX_SCENE));
+            }
+            file.take(kind, Content(&bytes[from..from + content]), &mut size);
+            at = from + content;
+        }
+        let damaged = |why| damaged(name, "a chunk".to_owned(), why);
+        if file.models.len() != counts.models {
+            return Err(damaged("a model has no size, or fewer voxels than it says"));
+        }
+        if file.nodes.len() != counts.nodes || file.layers.len() != counts.layers {
+            return Err(damaged("a part of the scene ends early"));
+        }
+        Ok(file)
     }
-    let number = |at: usize| {
-        let four = bytes.get(at..at.checked_add(4)?)?;
-        Some(u32::from_le_bytes(four.try_into().ok()?) as usize)
-    };
-    // The name of a chunk, the place of its content, the lengths of content and of inner chunks.
-    let chunk = |at: usize, end: usize| {
-        let (content, inner) = (number(at + 4)?, number(at + 8)?);
-        let length = CHUNK.checked_add(content)?.checked_add(inner)?;
-        (length <= end.checked_sub(at)?).then(|| (&bytes[at..at + 4], at + CHUNK, content, inner))
-    };
-    let early = "the file ends in the chunk that begins here";
-    let main = chunk(HEADER, bytes.len()).ok_or_else(|| wrong(HEADER, early))?;
-    let (b"MAIN", at, content, inner) = main else {
-        return Err(wrong(HEADER, "the first chunk is not `MAIN`"));
-    };
-    let (mut at, end) = (at + content, at + content + inner);
-    let (mut counts, mut chunks) = (Counts::default(), 0);
-    while at < end {
-        let (name, from, content, inner) = chunk(at, end).ok_or_else(|| wrong(at, early))?;
-        if inner > 0 {
-            return Err(wrong(at, "chunks within a chunk other than `MAIN` are not read"));
-        }
-        if std::str::from_utf8(name).is_err() {
-            return Err(wrong(at, "no chunk has this name"));
-        }
-        chunks += 1;
-        let first = number(from).filter(|_| content >= 4);
-        match name {
-            b"XYZI" => {
-                counts.models += 1;
-                counts.voxels += first.unwrap_or(0).min(content / 4);
-            }
-            b"nTRN" | b"nGRP" | b"nSHP" => {
-                if first != Some(counts.nodes) {
-                    return Err(wrong(at, "the nodes of the scene are not in ascending order"));
-                }
-                counts.nodes += 1;
-            }
-            b"LAYR" => {
-                if first != Some(counts.layers) {
-                    return Err(wrong(at, "the layers of the scene are not in ascending order"));
-                }
-                counts.layers += 1;
-            }
+
+    /// Takes a chunk, unless it cannot be read. A model has the last size before it.
+    fn take(&mut self, kind: &[u8], mut content: Content<'a>, size: &mut Option<[u32; 3]>) {
+        match kind {
+            b"SIZE" => *size = content.size().or(*size),
+            b"XYZI" => self.models.extend(size.and_then(|size| content.model(size))),
+            b"nTRN" => self.nodes.extend(content.transform()),
+            b"nGRP" => self.nodes.extend(content.group()),
+            b"nSHP" => self.nodes.extend(content.shape()),
+            b"LAYR" => self.layers.extend(content.layer()),
             _ => {}
         }
-        counts.scene += if name == b"XYZI" { 0 } else { content };
-        if chunks > MAX_VOX_CHUNKS {
-            return Err(too_many("chunks", MAX_VOX_CHUNKS));
-        }
-        if counts.voxels > MAX_VOXELS {
-            return Err(too_many("voxels", MAX_VOXELS));
-        }
-        if counts.scene > MAX_VOX_SCENE {
-            return Err(too_many("bytes that describe the scene", MAX_VOX_SCENE));
-        }
-        at = from + content;
     }
-    Ok(counts)
+}
+
+/// The content of a chunk that is not read yet.
+struct Content<'a>(&'a [u8]);
+
+impl<'a> Content<'a> {
+    fn number(&mut self) -> Option<u32> {
+        let (bytes, rest) = self.0.split_first_chunk()?;
+        self.0 = rest;
+        Some(u32::from_le_bytes(*bytes))
+    }
+
+    fn text(&mut self) -> Option<&'a str> {
+        let length = self.number()? as usize;
+        let (bytes, rest) = self.0.split_at_checked(length)?;
+        self.0 = rest;
+        std::str::from_utf8(bytes).ok()
+    }
+
+    /// Reads a list: how many there are, and each.
+    fn list<T, L: FromIterator<T>>(&mut self, mut one: impl FnMut(&mut Self) -> Option<T>) -> Option<L> {
+        let length = self.number()?;
+        (0..length).map(|_| one(self)).collect()
+    }
+
+    fn attributes(&mut self) -> Option<Attributes<'a>> {
+        self.list(|content| Some((content.text()?, content.text()?)))
+    }
+
+    fn size(&mut self) -> Option<[u32; 3]> {
+        Some([self.number()?, self.number()?, self.number()?])
+    }
+
+    fn model(&mut self, size: [u32; 3]) -> Option<Model<'a>> {
+        let count = self.number()? as usize;
+        let (voxels, _) = self.0.as_chunks();
+        Some(Model { size, voxels: voxels.get(..count)? })
+    }
+
+    fn transform(&mut self) -> Option<Node<'a>> {
+        let (_id, own) = (self.number()?, self.attributes()?);
+        let (child, _reserved, layer) = (self.number()?, self.number()?, self.number()?);
+        let frames: Vec<Attributes<'_>> = self.list(Self::attributes)?;
+        let frame = frames.into_iter().next();
+        Some(Node::Transform { is_hidden: is_hidden(&own), child, layer, frame })
+    }
+
+    fn group(&mut self) -> Option<Node<'a>> {
+        let (_id, _own) = (self.number()?, self.attributes()?);
+        self.list(Self::number).map(Node::Group)
+    }
+
+    fn shape(&mut self) -> Option<Node<'a>> {
+        let (_id, _own) = (self.number()?, self.attributes()?);
+        let models: Vec<u32> = self.list(|content| {
+            let model = content.number()?;
+            content.attributes().map(|_| model)
+        })?;
+        Some(Node::Shape(models.first().copied()))
+    }
+
+    fn layer(&mut self) -> Option<bool> {
+        let (_id, own, _reserved) = (self.number()?, self.attributes()?, self.number()?);
+        Some(is_hidden(&own))
+    }
+}
+
+fn is_hidden(attributes: &Attributes<'_>) -> bool {
+    attributes.get("_hidden") == Some(&"1")
 }
 
 /// A scene that is put together.
 struct Scene<'a> {
-    file: &'a str,
-    data: &'a DotVoxData,
+    name: &'a str,
+    file: &'a File<'a>,
     cells: BTreeSet<Cell>,
     /// Voxels that may still be put: a model may be in a scene many times.
     left: usize,
@@ -155,29 +268,26 @@ impl Scene<'_> {
             if looked_at > MAX_VOX_CHUNKS {
                 return Err(self.too_much(NODES, MAX_VOX_CHUNKS));
             }
-            let node = self.data.scenes.get(id as usize).ok_or_else(|| self.no_node(id))?;
+            let node = self.file.nodes.get(id as usize).ok_or_else(|| self.no_node(id))?;
             match node {
-                SceneNode::Transform { attributes, frames, child, layer_id } => {
-                    let layer = self.data.layers.get(*layer_id as usize);
-                    let is_hidden = attributes.get("_hidden").is_some_and(|hidden| hidden == "1");
-                    if !is_hidden && !layer.is_some_and(|layer| layer.hidden()) {
+                Node::Transform { is_hidden, child, layer, frame } => {
+                    if !is_hidden && self.file.layers.get(*layer as usize) != Some(&true) {
                         let own =
-                            frames.first().map_or(Ok(Motion::none()), |frame| self.motion(id, frame))?;
+                            frame.as_ref().map_or(Ok(Motion::none()), |frame| self.motion(id, frame))?;
                         waiting.push((*child, motion.after(own)));
                     }
                 }
-                SceneNode::Group { children, .. } => {
+                Node::Group(children) => {
                     if looked_at + waiting.len() + children.len() > MAX_VOX_CHUNKS {
                         return Err(self.too_much(NODES, MAX_VOX_CHUNKS));
                     }
                     waiting.extend(children.iter().map(|child| (*child, motion)));
                 }
-                SceneNode::Shape { models, .. } => {
-                    if let Some(model) = models.first() {
-                        let model = self.data.models.get(model.model_id as usize);
-                        let model = model.ok_or_else(|| self.node(id, "its model is not in the file"))?;
-                        self.put(model, motion, true)?;
-                    }
+                Node::Shape(None) => {}
+                Node::Shape(Some(model)) => {
+                    let model = self.file.models.get(*model as usize);
+                    let model = model.ok_or_else(|| self.node(id, "its model is not in the file"))?;
+                    self.put(model, motion, true)?;
                 }
             }
         }
@@ -185,24 +295,24 @@ impl Scene<'_> {
     }
 
     fn too_much(&self, what: &'static str, most: usize) -> SolidError {
-        SolidError::TooMuch { file: self.file.to_owned(), what, most }
+        SolidError::TooMuch { file: self.name.to_owned(), what, most }
     }
     fn no_node(&self, id: u32) -> SolidError {
         self.node(id, "the scene names this node, which is not in the file")
     }
     fn node(&self, id: u32, why: &str) -> SolidError {
-        damaged(self.file, format!("node {id} of the scene"), why)
+        damaged(self.name, format!("node {id} of the scene"), why)
     }
 
-    fn motion(&self, id: u32, frame: &Frame) -> Result<Motion, SolidError> {
+    fn motion(&self, id: u32, frame: &Attributes<'_>) -> Result<Motion, SolidError> {
         let mut motion = Motion::none();
-        if let Some(text) = frame.attributes.get("_t") {
+        if let Some(text) = frame.get("_t") {
             let numbers: Option<Vec<i64>> =
                 text.split_ascii_whitespace().map(|n| n.parse::<i32>().ok().map(i64::from)).collect();
             let by = numbers.and_then(|n| <[i64; 3]>::try_from(n).ok());
             motion.by = by.ok_or_else(|| self.node(id, "its translation is not three whole numbers"))?;
         }
-        if let Some(text) = frame.attributes.get("_r") {
+        if let Some(text) = frame.get("_r") {
             let rows = text.trim().parse().ok().and_then(rows);
             motion.rows = rows.ok_or_else(|| self.node(id, "its rotation is none"))?;
         }
@@ -210,20 +320,20 @@ impl Scene<'_> {
     }
 
     /// Puts a model; one of a scene turns about its middle.
-    fn put(&mut self, model: &Model, motion: Motion, about_middle: bool) -> Result<(), SolidError> {
+    fn put(&mut self, model: &Model<'_>, motion: Motion, about_middle: bool) -> Result<(), SolidError> {
         self.left =
             self.left.checked_sub(model.voxels.len()).ok_or_else(|| self.too_much("voxels", MAX_VOXELS))?;
-        let size = [model.size.x, model.size.y, model.size.z].map(i64::from);
+        let size = model.size.map(i64::from);
         let middle = size.map(|side| if about_middle { side / 2 } else { 0 });
-        for voxel in &model.voxels {
-            let at = [voxel.x, voxel.y, voxel.z].map(i64::from);
+        for [x, y, z, _colour] in model.voxels {
+            let at = [*x, *y, *z].map(i64::from);
             // Twice the place of the middle of the voxel, so that a turn keeps whole numbers: all are odd.
             let twice = [0, 1, 2].map(|axis| 2 * (at[axis] - middle[axis]) + 1);
             let moved = [0, 1, 2].map(|axis| {
                 let (from, sign) = motion.rows[axis];
                 (sign * twice[from] - 1) / 2 + motion.by[axis]
             });
-            self.cells.insert(in_range(self.file, moved)?);
+            self.cells.insert(in_range(self.name, moved)?);
         }
         Ok(())
     }
@@ -387,7 +497,7 @@ mod tests {
             let error = read(&chunks).unwrap_err();
             assert!(error.contains(why), "{why}: {error}");
         }
-        // Nested chunks, which the library would follow by recursion.
+        // Nested chunks, which a reader that follows them by recursion would not survive.
         let nested = (0..=100_000).rev().map(|left| numbers(&[0, CHUNK as u32 * left]));
         let nested = nested.flat_map(|lengths| [&b"MAIN"[..], &lengths].concat());
         let deep = [&b"VOX "[..], &numbers(&[150]), &nested.collect::<Vec<u8>>()].concat();
