@@ -18,7 +18,7 @@ mod xml;
 use clap::{Args, ValueEnum};
 use foxglove::{Colour, Cube, Entity, Level, Log, Pair, SceneUpdate, schema_of};
 use mcap::records::MessageHeader;
-use mcap::{Compression, McapError, WriteOptions, Writer};
+use mcap::{McapError, WriteOptions, Writer};
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::{OutputError, Outputs};
 use metamorph_processes::record::journal::{Event, HeadError, Journal, JournalFailure, Record, Who, plan_of};
@@ -351,8 +351,7 @@ impl Recording {
     fn begin(file: File, words: &'static Words, every: Span, schema: Schema) -> Result<Recording, McapError> {
         let library = concat!("metamorph ", env!("CARGO_PKG_VERSION"));
         let profile = if schema == Schema::Ros2 { "ros2" } else { "" };
-        let options =
-            WriteOptions::new().compression(Some(Compression::Lz4)).library(library).profile(profile);
+        let options = WriteOptions::new().compression(None).library(library).profile(profile);
         let mut writer = options.create(BufWriter::new(file))?;
         Ok(Recording {
             channels: match schema {
