@@ -1,6 +1,7 @@
 //! The program: from its arguments to an exit code.
 
 use crate::commands::{CommandLine, execute};
+use crate::log;
 use clap::Parser;
 use metamorph_bench as bench;
 use metamorph_console::interrupt::Interrupt;
@@ -10,7 +11,7 @@ use metamorph_processes::{family, swarm};
 use metamorph_text::command_error::{BAD_USAGE, CommandError, FAILED, Failure};
 use metamorph_text::escape::Shown;
 use std::ffi::OsString;
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 use thiserror::Error;
@@ -45,9 +46,9 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Ok(line) => line,
         Err(error) => return ExitCode::from(refuse(&error, &args)),
     };
-    log_to_stderr(line.verbose);
-    let carried_out = Interrupt::listen()
-        .map_err(|error| Failure::from(NoSignals(error)))
+    let carried_out = log::to_stderr(line.verbose)
+        .map_err(Failure::from)
+        .and_then(|()| Interrupt::listen().map_err(|error| NoSignals(error).into()))
         .and_then(|interrupt| execute(line.command, since, &interrupt));
     match carried_out {
         Ok(code) => ExitCode::from(unless_out_failed(code)),
@@ -101,19 +102,4 @@ fn short_cut(args: &[OsString]) -> Option<Result<(), Failure>> {
 fn fail(failure: &Failure) -> ExitCode {
     print_error(&failure.text);
     ExitCode::from(failure.exit_code)
-}
-
-/// zenoh reports as errors what is expected at the end of a session; of interest is whom its TLS refuses.
-const ZENOH: &str = "zenoh=off,zenoh_link_tls=warn";
-
-fn log_to_stderr(verbose: u8) {
-    let level = ["warn", "info", "debug", "trace"][usize::from(verbose.min(3))];
-    let filter = tracing_subscriber::EnvFilter::try_from_env("METAMORPH_LOG")
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(format!("{level},{ZENOH}")));
-    // Fails only if a subscriber is already installed.
-    let _ = tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_writer(std::io::stderr)
-        .with_ansi(std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none())
-        .try_init();
 }

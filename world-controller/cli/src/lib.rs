@@ -9,6 +9,7 @@ mod examples;
 mod figures;
 mod host;
 pub mod learn;
+mod log;
 mod modules;
 mod new;
 mod new_protocol;

@@ -1,0 +1,135 @@
+//! The log on standard error: which of its lines are shown.
+
+use metamorph_text::command_error::{BAD_USAGE, CommandError};
+use metamorph_text::escape::Shown;
+use std::ffi::OsStr;
+use std::io::IsTerminal;
+use thiserror::Error;
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
+use tracing_subscriber::{fmt, registry};
+
+/// Name of the environment variable with filters.
+const VARIABLE: &str = "METAMORPH_LOG";
+
+/// A filter cannot be read.
+#[derive(Debug, PartialEq, Eq, Error)]
+#[error(
+    "{VARIABLE}: `{0}` is no filter\n  fix: say a level (off, error, warn, info, debug or trace) or TARGET=LEVEL, such as \
+     `metamorph_processes=debug`, with commas between several"
+)]
+pub struct WrongFilter(String);
+
+impl CommandError for WrongFilter {
+    fn exit_code(&self) -> u8 {
+        BAD_USAGE
+    }
+    fn text(&self) -> String {
+        format!("metamorph: {self}")
+    }
+}
+
+/// Begins the log, with the filters of the environment, or else with a level for each `-v`.
+///
+/// # Errors
+/// A filter of the environment cannot be read.
+pub fn to_stderr(verbose: u8) -> Result<(), WrongFilter> {
+    let targets = match std::env::var_os(VARIABLE) {
+        Some(filters) => read(&filters)?,
+        None => default(verbose),
+    };
+    let ansi = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
+    let lines = fmt::layer().with_writer(std::io::stderr).with_ansi(ansi);
+    // Fails only if a subscriber is already installed.
+    let _ = registry().with(lines).with(targets).try_init();
+    Ok(())
+}
+
+/// Returns the filters without any of the environment. zenoh reports as errors the usual end of a session; of interest is
+/// whom its TLS refuses.
+fn default(verbose: u8) -> Targets {
+    let level = match verbose {
+        0 => LevelFilter::WARN,
+        1 => LevelFilter::INFO,
+        2 => LevelFilter::DEBUG,
+        _ => LevelFilter::TRACE,
+    };
+    Targets::new()
+        .with_default(level)
+        .with_target("zenoh", LevelFilter::OFF)
+        .with_target("zenoh_link_tls", LevelFilter::WARN)
+}
+
+fn read(filters: &OsStr) -> Result<Targets, WrongFilter> {
+    let wrong = |filter: &str| WrongFilter(filter.shown());
+    let filters = filters.to_str().ok_or_else(|| wrong(&filters.to_string_lossy()))?;
+    // Without any filter, errors are shown.
+    let mut targets = Targets::new();
+    if filters.trim().is_empty() {
+        targets = targets.with_default(LevelFilter::ERROR);
+    }
+    for filter in filters.split(',').map(str::trim).filter(|filter| !filter.is_empty()) {
+        let (target, level) = match filter.split_once('=') {
+            Some((target, level)) => (Some(target), level),
+            None => (None, filter),
+        };
+        let is_target = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | ':');
+        if level.is_empty()
+            || target.is_some_and(|target| target.is_empty() || !target.chars().all(is_target))
+        {
+            return Err(wrong(filter));
+        }
+        let level: LevelFilter = level.parse().map_err(|_| wrong(filter))?;
+        targets = match target {
+            Some(target) => targets.with_target(target, level),
+            None => targets.with_default(level),
+        };
+    }
+    Ok(targets)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shown(filters: &str, target: &str) -> LevelFilter {
+        use tracing::Level;
+        let targets = read(filters.as_ref()).unwrap();
+        let levels = [Level::TRACE, Level::DEBUG, Level::INFO, Level::WARN, Level::ERROR];
+        let most = levels.into_iter().find(|level| targets.would_enable(target, level));
+        most.map_or(LevelFilter::OFF, LevelFilter::from_level)
+    }
+
+    #[test]
+    fn filters_are_levels_and_levels_of_targets() {
+        assert_eq!(shown("debug", "anything"), LevelFilter::DEBUG);
+        assert_eq!(shown("zenoh=trace", "zenoh::net"), LevelFilter::TRACE);
+        assert_eq!(shown("zenoh=trace", "metamorph"), LevelFilter::OFF);
+        assert_eq!(shown(" INFO, a::b=4,a=off,", "a::b::c"), LevelFilter::DEBUG);
+        assert_eq!(shown(" INFO, a::b=4,a=off,", "a::c"), LevelFilter::OFF);
+        assert_eq!(shown("INFO,a=off", "b"), LevelFilter::INFO);
+        assert_eq!(shown("", "b"), LevelFilter::ERROR);
+    }
+
+    #[test]
+    fn a_wrong_filter_is_named() {
+        for wrong in ["inof", "a=", "=debug", "a=b=debug", "a[b]=debug", "a b=debug", "6"] {
+            assert_eq!(read(format!("warn,{wrong}").as_ref()).unwrap_err(), WrongFilter(wrong.to_owned()));
+        }
+        let text = WrongFilter("inof".to_owned()).text();
+        assert!(text.starts_with("metamorph: METAMORPH_LOG: `inof` is no filter\n  fix: "), "{text}");
+    }
+
+    #[test]
+    fn more_is_shown_for_each_v_but_nothing_of_zenoh() {
+        for (verbose, level) in
+            [(0, tracing::Level::WARN), (1, tracing::Level::INFO), (9, tracing::Level::TRACE)]
+        {
+            assert!(default(verbose).would_enable("metamorph", &level));
+            assert!(!default(verbose).would_enable("zenoh", &tracing::Level::ERROR));
+            assert!(default(verbose).would_enable("zenoh_link_tls", &tracing::Level::WARN));
+        }
+        assert!(!default(0).would_enable("metamorph", &tracing::Level::INFO));
+    }
+}
