@@ -55,6 +55,9 @@ fn binary(name: &str) -> PathBuf {
         let mut build = Command::new(env!("CARGO"));
         // With a test of the workspace beside it, the features are those of the tests, and no library is built twice.
         build.args(["build", "--quiet", "--workspace", "--bin", name, "--test", "suite"]);
+        if let Some(features) = std::env::var_os("METAMORPH_TEST_FEATURES") {
+            build.arg("--features").arg(features);
+        }
         build.arg("--target-dir").arg(profile.parent().unwrap_or(profile));
         if profile.ends_with("release") {
             build.arg("--release");

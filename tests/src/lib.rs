@@ -5,7 +5,8 @@
 //! real processes from outside, [`daemons`] their hosts and cables; [`mod@hostile`] gives hostile inputs to commands; [`growth`] is the
 //! experiment that tests of the cube protocol vary, [`metamodules`] the one of the thesis, whose variations
 //! [`cases`] gives names; [`command`] is `metamorph` as a user runs it, [`view`] its page; [`checker`] reads journals without
-//! code of the program and checks every position, [`journal_file`] says where they can be damaged; [`statistics`] compares samples.
+//! code of the program and checks every position, [`journal_file`] says where they can be damaged; [`statistics`] compares samples;
+//! [`json_schema`] compares documents with schemas.
 
 pub mod browser;
 pub mod cases;
@@ -19,6 +20,7 @@ pub mod growth;
 pub mod hostile;
 pub mod hosts;
 pub mod journal_file;
+pub mod json_schema;
 pub mod metamodules;
 pub mod page;
 pub mod probe;

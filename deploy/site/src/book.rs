@@ -1,29 +1,13 @@
 //! Builds the site: copies the pages that `docs/SUMMARY.md` names, adapts their links, and lets mdBook make HTML of
 //! them.
 
-use crate::links::{self, Link};
+use crate::links::{self, Link, SUMMARY, pages};
 use mdbook_driver::MDBook;
 use mdbook_driver::config::Config;
 use mdbook_driver::errors::{Error, Result};
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
-
-/// The list of pages.
-const SUMMARY: &str = "docs/SUMMARY.md";
-
-/// Returns the pages of the site, as paths in the repository, in the order of the list.
-///
-/// # Errors
-/// If the list cannot be read.
-pub fn pages(root: &Path) -> Result<Vec<PathBuf>> {
-    let text = fs::read_to_string(root.join(SUMMARY))?;
-    let named = links::links(&text).into_iter().filter_map(|link| {
-        let (path, _) = links::local(&link.destination)?;
-        links::resolve(Path::new(SUMMARY), path)
-    });
-    Ok(named.collect())
-}
 
 /// Returns the path of a page or a file on the site.
 fn on_site(path: &Path) -> PathBuf {

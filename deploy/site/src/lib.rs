@@ -4,6 +4,7 @@
 //! The pages of the site are those that `docs/SUMMARY.md` names, at the paths that they have in the repository, so
 //! that a page is read the same on the site and in the repository.
 
+#[cfg(feature = "book")]
 pub mod book;
 pub mod exit_codes;
 pub mod gallery;

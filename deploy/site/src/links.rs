@@ -1,9 +1,27 @@
-//! Links and headings of Markdown pages.
+//! Links and headings of Markdown pages, and the list of the pages.
 
 use pulldown_cmark::{Event, Options, Parser, Tag, TagEnd};
 use std::collections::BTreeMap;
+use std::fs;
+use std::io;
 use std::ops::Range;
 use std::path::{Component, Path, PathBuf};
+
+/// Path of the list of pages.
+pub const SUMMARY: &str = "docs/SUMMARY.md";
+
+/// Returns the pages of the site, as paths in the repository, in the order of the list.
+///
+/// # Errors
+/// If the list cannot be read.
+pub fn pages(root: &Path) -> io::Result<Vec<PathBuf>> {
+    let text = fs::read_to_string(root.join(SUMMARY))?;
+    let named = links(&text).into_iter().filter_map(|link| {
+        let (path, _) = local(&link.destination)?;
+        resolve(Path::new(SUMMARY), path)
+    });
+    Ok(named.collect())
+}
 
 /// A link or an image of a page.
 #[derive(Clone, Debug, PartialEq, Eq)]

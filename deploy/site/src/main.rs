@@ -1,13 +1,17 @@
 //! The program that makes generated pages and the site.
 
 use clap::{Parser, Subcommand};
-use mdbook_driver::errors::Result;
-use metamorph_site::{book, generate, root};
+use metamorph_site::{generate, root};
+use std::error::Error;
+#[cfg(feature = "book")]
 use std::path::PathBuf;
+
+const AFTER_HELP: &str =
+    if cfg!(feature = "book") { "" } else { "To build the site, run this program with `--features book`." };
 
 /// Makes the documentation.
 #[derive(Debug, Parser)]
-#[command(name = "metamorph-site")]
+#[command(name = "metamorph-site", after_help = AFTER_HELP)]
 struct CommandLine {
     #[command(subcommand)]
     command: Command,
@@ -18,6 +22,7 @@ enum Command {
     /// Write the pages of docs/ that are made from the program
     Generate,
     /// Build the site into a directory, which is replaced
+    #[cfg(feature = "book")]
     Build {
         /// The directory
         directory: PathBuf,
@@ -27,11 +32,13 @@ enum Command {
     },
 }
 
-fn main() -> Result<()> {
+fn main() -> Result<(), Box<dyn Error>> {
     match CommandLine::parse().command {
-        Command::Generate => Ok(generate(&root().join("docs"))?),
+        Command::Generate => generate(&root().join("docs"))?,
+        #[cfg(feature = "book")]
         Command::Build { directory, repository } => {
-            book::build(&root(), &std::path::absolute(directory)?, repository.as_deref())
+            metamorph_site::book::build(&root(), &std::path::absolute(directory)?, repository.as_deref())?;
         }
     }
+    Ok(())
 }
