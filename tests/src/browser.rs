@@ -4,6 +4,7 @@
 //! There are no fixed delays: conditions are checked by the page itself, frame by frame, and a browser that
 //! is silent for [`WATCHDOG`] fails the test.
 
+use crate::required::{Check, skip};
 use rustix::process::{Pid, Signal, geteuid, kill_process_group};
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader};
@@ -20,11 +21,16 @@ const WATCHDOG: Duration = Duration::from_secs(240);
 /// Names of browsers of this protocol.
 const NAMES: [&str; 5] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome"];
 
-/// Returns a browser of this machine, if there is one.
+/// Returns a browser of this machine. If there is none, the test is skipped.
 pub fn find() -> Option<PathBuf> {
-    let path = std::env::var_os("PATH")?;
+    let path = std::env::var_os("PATH").unwrap_or_default();
     let directories: Vec<PathBuf> = std::env::split_paths(&path).collect();
-    NAMES.iter().flat_map(|name| directories.iter().map(move |d| d.join(name))).find(|file| file.is_file())
+    let mut programs = NAMES.iter().flat_map(|name| directories.iter().map(move |d| d.join(name)));
+    let found = programs.find(|file| file.is_file());
+    if found.is_none() {
+        skip(Check::Browser, "there is no chromium or chrome on this machine");
+    }
+    found
 }
 
 /// A browser with one page. Its processes and files are removed when this is dropped, also in a failing test.

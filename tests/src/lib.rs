@@ -6,7 +6,7 @@
 //! experiment that tests of the cube protocol vary, [`metamodules`] the one of the thesis, whose variations
 //! [`cases`] gives names; [`command`] is `metamorph` as a user runs it, [`view`] its page; [`checker`] reads journals without
 //! code of the program and checks every position, [`journal_file`] says where they can be damaged; [`statistics`] compares samples;
-//! [`json_schema`] compares documents with schemas.
+//! [`required`] are checks that may be skipped, [`json_schema`] are those of documents.
 
 pub mod browser;
 pub mod cases;
@@ -24,6 +24,7 @@ pub mod json_schema;
 pub mod metamodules;
 pub mod page;
 pub mod probe;
+pub mod required;
 pub mod script;
 pub mod statistics;
 pub mod studio;

@@ -1,17 +1,12 @@
 //! The page of `metamorph view` in a real browser: what tests of it do again and again.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
-#![allow(clippy::print_stdout, reason = "says why something is skipped")]
 
 use crate::browser::{Browser, find};
 use crate::view::View;
 
 /// Opens a browser with the page of a view; `None` where there is no browser.
 pub fn open(view: &View) -> Option<Browser> {
-    let Some(program) = find() else {
-        println!("skipped: there is no chromium or chrome on this machine");
-        return None;
-    };
-    let mut browser = Browser::start(program);
+    let mut browser = Browser::start(find()?);
     browser.open(&view.address);
     browser.until("['paused', 'failed'].includes(document.body.dataset.state)");
     // The run may still be going on when the page is loaded.

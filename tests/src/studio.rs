@@ -1,6 +1,5 @@
 //! The page of `metamorph studio` in a real browser: what tests of it do again and again.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
-#![allow(clippy::print_stdout, reason = "says why something is skipped")]
 
 use crate::browser::{Browser, find};
 use crate::view::View;
@@ -8,11 +7,7 @@ use serde_json::json;
 
 /// Opens the studio in a browser; `None` where there is none. `size` is that of a touch screen.
 pub fn open(view: &View, size: Option<(u32, u32)>) -> Option<Browser> {
-    let Some(program) = find() else {
-        println!("skipped: there is no chromium or chrome on this machine");
-        return None;
-    };
-    let mut browser = Browser::start(program);
+    let mut browser = Browser::start(find()?);
     if let Some((width, height)) = size {
         let screen = json!({ "width": width, "height": height, "deviceScaleFactor": 2, "mobile": true });
         browser.call("Emulation.setDeviceMetricsOverride", screen);

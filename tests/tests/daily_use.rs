@@ -1,8 +1,8 @@
 //! Commands of every day: scenarios by their names, and what helps where a name is wrong.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
-#![allow(clippy::print_stdout, reason = "says why something is skipped")]
 
 use metamorph_tests::command::{Ran, command, scenarios};
+use metamorph_tests::required::{Check, skip};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::fs;
@@ -281,9 +281,13 @@ fn doctor_with_shared_memory(size: &str, modules: &str, before: &str, name: &str
     );
     let program = metamorph_tests::command::metamorph();
     let unshare = ["--map-root-user", "--mount", "--", "sh", "-c", &script];
-    let ran: Ran = std::process::Command::new("unshare").args(unshare).arg(program).output().ok()?.into();
+    let Ok(ran) = std::process::Command::new("unshare").args(unshare).arg(program).output() else {
+        skip(Check::Mounts, "there is no unshare on this machine");
+        return None;
+    };
+    let ran = Ran::from(ran);
     if ran.code == Some(77) || ran.err.starts_with("unshare:") {
-        println!("skipped: shared memory cannot be made small here: {}", ran.err);
+        skip(Check::Mounts, &format!("shared memory cannot be made small here: {}", ran.err));
         return None;
     }
     let checks: Vec<Value> = serde_json::from_str(&ran.out).unwrap_or_else(|e| panic!("{e}: {ran:?}"));

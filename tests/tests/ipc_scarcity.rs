@@ -14,6 +14,7 @@ use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::rng::Rng;
 use metamorph_tests::chaos::{agent_of, root_of, signal_to, wait_until};
 use metamorph_tests::command::{Ran, command, metamorph, module_agent, root, run, scenario};
+use metamorph_tests::required::{Check, skip};
 use metamorph_world_controller::console::format::many;
 use metamorph_world_controller::family::replay;
 use metamorph_world_controller::run::replay::{Replayed, Request, text};
@@ -47,10 +48,14 @@ fn with_small_disk(small: &Path, size: &str, script: &str) -> Option<Ran> {
     let mount = format!("mount -t tmpfs -o size={size} tmpfs {} || exit 77; {script}", small.display());
     let unshare = ["--map-root-user", "--mount", "--", "sh", "-c", mount.as_str()];
     let ran = Command::new("unshare").args(unshare).current_dir(root()).stdin(Stdio::null()).output();
-    let ran: Ran = ran.ok()?.into();
+    let Ok(ran) = ran else {
+        skip(Check::Mounts, "there is no unshare on this machine");
+        return None;
+    };
+    let ran = Ran::from(ran);
     let denied = ran.code == Some(77) || ran.err.starts_with("unshare:");
     if denied {
-        println!("skipped: no small disk can be mounted here: {}", ran.err);
+        skip(Check::Mounts, &format!("no small disk can be mounted here: {}", ran.err));
     }
     (!denied).then_some(ran)
 }

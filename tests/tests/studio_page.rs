@@ -1,7 +1,7 @@
 //! The page of `metamorph studio` in a real browser: from nothing to a structure that processes have built, with the
 //! mouse, with the keyboard alone and by touch. Where there is no browser, the tests are skipped with a message.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
-#![allow(clippy::print_stdout, reason = "says why something is skipped, and what was measured")]
+#![allow(clippy::print_stdout, reason = "says what was measured")]
 
 use metamorph_tests::browser::Browser;
 use metamorph_tests::studio::{check_clean, drag, enter, middle, number, open, press_with_shift};

