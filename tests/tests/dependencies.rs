@@ -5,6 +5,7 @@
 use cargo_metadata::{DependencyKind, Metadata, MetadataCommand, NodeDep};
 use metamorph_tests::command::root;
 use std::collections::BTreeSet;
+use std::fs;
 use std::process::Command;
 
 /// Returns the resolved dependencies of the default build on this platform.
@@ -82,4 +83,36 @@ fn a_build_without_physics_has_no_engine() {
         assert!(has_engine(package, &[]), "{package}");
         assert!(!has_engine(package, &["--no-default-features"]), "{package}");
     }
+}
+
+/// A crate whose examples are not run has none: `doctest = false` saves a run of rustdoc.
+#[test]
+fn examples_in_documentation_are_tested() {
+    let metadata = metadata();
+    let members = metadata.workspace_packages();
+    let libraries = members.iter().flat_map(|package| package.targets.iter().map(move |of| (package, of)));
+    let mut untested = 0;
+    for (package, library) in libraries.filter(|(_, target)| target.is_lib() && !target.doctest) {
+        untested += 1;
+        let mut directories = vec![library.src_path.parent().unwrap().as_std_path().to_owned()];
+        while let Some(directory) = directories.pop() {
+            for entry in fs::read_dir(directory).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_dir() {
+                    directories.push(path);
+                } else if path.extension().is_some_and(|end| end == "rs") {
+                    let text = fs::read_to_string(&path).unwrap();
+                    let docs = text.lines().filter_map(|line| line.trim_start().strip_prefix("//"));
+                    let docs = docs.filter_map(|line| line.strip_prefix(['/', '!']));
+                    let fences = docs.filter_map(|line| line.trim_start().strip_prefix("```"));
+                    // Every second fence ends a block.
+                    let blocks: Vec<&str> = fences.step_by(2).collect();
+                    let is_text = |block: &&str| *block == "text";
+                    let place = path.display();
+                    assert!(blocks.iter().all(is_text), "{place}: {} has `doctest = false`", package.name);
+                }
+            }
+        }
+    }
+    assert!(untested > 3, "{untested}");
 }

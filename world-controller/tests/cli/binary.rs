@@ -1,4 +1,4 @@
-//! The binary itself, so that building the tests builds it. What it does is tested in `tests/`.
+//! The binary itself, so that building the tests builds it.
 
 use std::process::Command;
 
