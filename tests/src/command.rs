@@ -162,6 +162,12 @@ pub fn report(text: &str) -> Report {
     serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {text}"))
 }
 
+/// Returns the notes of a report that no slow machine explains: ends of processes without an order, and frames from outside.
+pub fn surprises(report: &Report) -> Vec<&str> {
+    let notes = report.notes.iter().map(String::as_str);
+    notes.filter(|note| note.contains("without an order") || note.contains("from outside")).collect()
+}
+
 /// Returns true if the text says what happens without the key or option.
 pub fn names_default(text: &str) -> bool {
     let text = text.to_lowercase();

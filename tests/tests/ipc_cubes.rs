@@ -67,14 +67,13 @@ fn thirty_six_cubes_build_a_block_of_processes() {
     assert!(swarm.tally.total().delivered > 0);
 }
 
-/// At a thousand times real speed a move takes a millisecond, which is less than a machine takes to wake
-/// sixteen processes: the clock is slowed to a rate that they can follow, and they build all the same.
+/// At a thousand times real speed a move takes a millisecond, which is less than most machines take to wake sixteen
+/// processes: they build all the same. By how much the clock is slowed, tests of `swarm/pace.rs` hold, with given lateness.
 #[test]
-fn a_clock_that_is_too_fast_is_slowed() {
+fn cubes_build_although_the_clock_is_too_fast() {
     let (came_to, swarm) = build(6, 2, 1_000, vec![]);
     assert_eq!(came_to, Some(Outcome::Built));
-    assert!(swarm.slowed.lowest < 0.9 && swarm.slowed.factor < 1.0, "{:?}", swarm.slowed);
-    assert!(!swarm.slowed.time.is_zero(), "{:?}", swarm.slowed);
+    assert!(swarm.slowed.factor <= 1.0 && swarm.slowed.lowest <= 1.0, "{:?}", swarm.slowed);
 }
 
 /// Over two hundred cubes; ten are killed, and five stopped for a while. The ten die in reserve: a module that dies

@@ -2,7 +2,7 @@
 #![allow(clippy::print_stdout, reason = "shown only on failure or with --nocapture")]
 
 use metamorph_tests::chaos::signal_to;
-use metamorph_tests::command::{Ran, command, scenario};
+use metamorph_tests::command::{Ran, command, scenario, surprises};
 use metamorph_tests::statistics::{critical_distance, kolmogorov_smirnov, mean};
 use metamorph_world_controller::report::schema::Report;
 use rustix::process::Signal;
@@ -31,7 +31,7 @@ fn run(name: &str, link: &str, options: &[&str]) -> Report {
     println!("{}", ran.err);
     assert_eq!((report.family.as_str(), report.link.as_str()), ("metamodule", link));
     assert_eq!((report.invariants.broken, report.collisions.suffered), (0, 0), "{:?}", report.invariants);
-    assert_eq!(report.notes, [""; 0]);
+    assert_eq!(surprises(&report), [""; 0]);
     for (class, counts) in &report.messages.by_class {
         assert!(counts.in_flight >= counts.uncounted && counts.uncounted >= 0, "{class} {counts:?}");
     }

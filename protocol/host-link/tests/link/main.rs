@@ -390,3 +390,25 @@ fn a_short_cut_heals() {
     pair.settle();
     assert_eq!((pair.broken, pair.state(0), pair.state(1)), (None, State::Up, State::Up));
 }
+
+/// The process of the ward is held up while nothing reaches it: at its first look it ends, however late that is, and not a moment
+/// before its lease is over.
+#[test]
+fn a_ward_that_looks_late_ends_only_after_its_lease() {
+    for (late, is_over) in [(2_000, false), (2_800, false), (3_000, true), (3_600_000, true)] {
+        let mut pair = Pair::up(None);
+        pair.look_late(1, Span::millis(late));
+        assert_eq!(pair.state(1) == State::Fenced, is_over, "{late} ms late");
+        assert_eq!(pair.broken, None);
+    }
+}
+
+/// The same of the guardian, which waits for the whole fence.
+#[test]
+fn a_guardian_that_looks_late_waits_for_the_fence() {
+    for (late, is_over) in [(2_000, false), (2_900, false), (3_100, true), (3_600_000, true)] {
+        let mut pair = Pair::up(None);
+        pair.look_late(0, Span::millis(late));
+        assert_eq!(pair.state(0) == State::Fenced, is_over, "{late} ms late");
+    }
+}

@@ -230,6 +230,12 @@ impl Pair {
         self.now = self.now.max(until);
     }
 
+    /// Lets time pass while neither end is called and no packet is delivered; then one end looks what is due.
+    pub fn look_late(&mut self, i: usize, late: Span) {
+        self.now += late;
+        self.at(i, |link, now| link.wake(now));
+    }
+
     /// Lets time pass until an end wakes.
     pub fn wake_next(&mut self) {
         let next = self.ends.iter().map(|end| end.link.wake_at()).min().unwrap_or(Time::NEVER);
