@@ -24,6 +24,20 @@ fn codes(help: &str) -> Vec<(String, String)> {
     codes
 }
 
+/// Returns the table of a command's exit codes, or `None` if its help lists none.
+pub fn table(command: &str) -> Option<String> {
+    let name = format!("metamorph {command}");
+    let (_, mut command) = each().into_iter().find(|(found, _)| *found == name)?;
+    let codes = codes(&help(&mut command));
+    (!codes.is_empty()).then(|| format!("\n{}", rows(&codes)))
+}
+
+fn rows(codes: &[(String, String)]) -> String {
+    let row = |(code, meaning): &(String, String)| format!("| {code} | {} |\n", meaning.replace('|', "\\|"));
+    let rows: String = codes.iter().map(row).collect();
+    format!("| code | meaning |\n|---|---|\n{rows}")
+}
+
 /// Returns the page.
 pub fn page() -> String {
     let mut page =
@@ -32,12 +46,8 @@ pub fn page() -> String {
             .to_owned();
     for (name, mut command) in each() {
         let codes = codes(&help(&mut command));
-        if codes.is_empty() {
-            continue;
-        }
-        page.push_str(&format!("\n## {name}\n\n| code | meaning |\n|---|---|\n"));
-        for (code, meaning) in codes {
-            page.push_str(&format!("| {code} | {} |\n", meaning.replace('|', "\\|")));
+        if !codes.is_empty() {
+            page.push_str(&format!("\n## {name}\n\n{}", rows(&codes)));
         }
     }
     page

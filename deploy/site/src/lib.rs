@@ -6,8 +6,12 @@
 
 #[cfg(feature = "book")]
 pub mod book;
+pub mod crates;
+pub mod documents;
 pub mod exit_codes;
+pub mod formats;
 pub mod gallery;
+pub mod invariants;
 pub mod links;
 pub mod reference;
 pub mod schema_page;
@@ -20,25 +24,39 @@ pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// Returns the pages that are made from the program, with their paths in `docs/`.
-pub fn generated() -> Vec<(String, String)> {
-    let mut pages = vec![
+/// Returns the pages that are made from the program, as a whole or in part, with their paths in the repository.
+///
+/// # Errors
+/// If a page or a source cannot be read, or a part of a page cannot be made.
+pub fn generated() -> io::Result<Vec<(PathBuf, String)>> {
+    let mut whole = vec![
         ("gallery.md".to_owned(), gallery::page()),
         ("reference/commands.md".to_owned(), reference::commands()),
         ("reference/exit-codes.md".to_owned(), exit_codes::page()),
     ];
-    pages.extend(reference::documents());
-    pages
+    whole.extend(reference::documents());
+    let mut pages: Vec<(PathBuf, String)> =
+        whole.into_iter().map(|(path, text)| (Path::new("docs").join(path), text)).collect();
+    for path in links::pages(&root())? {
+        if pages.iter().any(|(whole, _)| *whole == path) {
+            continue;
+        }
+        let text = std::fs::read_to_string(root().join(&path))?;
+        let filled = documents::filled(&root(), &text)
+            .map_err(|error| io::Error::other(format!("{}: {error}", path.display())))?;
+        pages.extend(filled.map(|text| (path, text)));
+    }
+    Ok(pages)
 }
 
-/// Writes the generated pages.
+/// Writes the generated pages and parts of pages.
 ///
 /// # Errors
-/// If a file cannot be written.
-pub fn generate(docs: &Path) -> io::Result<()> {
-    for (path, text) in generated() {
-        let path = docs.join(path);
-        std::fs::create_dir_all(path.parent().unwrap_or(docs))?;
+/// If a page cannot be made or written.
+pub fn generate(root: &Path) -> io::Result<()> {
+    for (path, text) in generated()? {
+        let path = root.join(path);
+        std::fs::create_dir_all(path.parent().unwrap_or(root))?;
         std::fs::write(path, text)?;
     }
     Ok(())

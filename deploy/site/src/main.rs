@@ -19,7 +19,7 @@ struct CommandLine {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Write the pages of docs/ that are made from the program
+    /// Write the pages of docs/ that are made from the program, and the generated parts of other pages
     Generate,
     /// Build the site into a directory, which is replaced
     #[cfg(feature = "book")]
@@ -34,7 +34,7 @@ enum Command {
 
 fn main() -> Result<(), Box<dyn Error>> {
     match CommandLine::parse().command {
-        Command::Generate => generate(&root().join("docs"))?,
+        Command::Generate => generate(&root())?,
         #[cfg(feature = "book")]
         Command::Build { directory, repository } => {
             metamorph_site::book::build(&root(), &std::path::absolute(directory)?, repository.as_deref())?;

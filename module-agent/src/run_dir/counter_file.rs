@@ -17,7 +17,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use thiserror::Error;
 
 const MAGIC: [u8; 8] = *b"MMLEDGER";
-const VERSION: u32 = 4;
+/// The version of the layout.
+pub const VERSION: u32 = 4;
 const HEADER: usize = 32;
 /// Number of 64-bit numbers in a slot: the generation; ten for each class, of which eight are its tally, one
 /// the messages left, and one those that may be lost; and four for foreign frames, wake-ups, records missing

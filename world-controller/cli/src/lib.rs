@@ -22,3 +22,5 @@ mod scenarios;
 pub mod shape;
 pub mod structure;
 mod structures;
+
+pub use modules::SCHEMA as PAIRING_SCHEMA;

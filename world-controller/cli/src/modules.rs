@@ -20,7 +20,7 @@ use thiserror::Error;
 /// Exit code: the cells do not pair up.
 const NOT_PAIRED: u8 = 3;
 /// The version of the JSON output.
-const SCHEMA: u32 = 1;
+pub const SCHEMA: u32 = 1;
 /// Cells, changes or reasons that a line of text lists at most. JSON has all.
 const LISTED: usize = 12;
 

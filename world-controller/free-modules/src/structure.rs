@@ -11,7 +11,7 @@ use metamorph_text::format::digits;
 use serde::Serialize;
 
 /// The version of the JSON output.
-const SCHEMA: u32 = 1;
+pub const SCHEMA: u32 = 1;
 
 /// A structure, analysed. Joints are numbers: `3 * module + joint`, with joint 0, 1, 2 for q1, q2, q3.
 #[derive(Debug, Serialize)]

@@ -18,7 +18,7 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 /// Version of the layout; raised on every change.
-const VERSION: u32 = 6;
+pub const VERSION: u32 = 6;
 
 /// What a scene says of a run as a whole.
 #[derive(Clone, Debug)]

@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use toml::Spanned;
 
 /// The version of the format.
-const VERSION: u32 = 1;
+pub const VERSION: u32 = 1;
 /// Bytes of a drawing at most: several times what 200,000 cells take.
 const MAX_DRAWING: usize = 8 << 20;
 

@@ -19,7 +19,7 @@ use tokio::sync::Mutex;
 use tokio::time::timeout;
 
 /// The version of the format of requests.
-const VERSION: u16 = 1;
+pub const VERSION: u16 = 1;
 /// Largest size of the body of a request, in bytes.
 const MAX_BODY: usize = 64 << 10;
 /// How long a request waits for the run before it is answered as pending.

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// Version of the JSON output.
-const SCHEMA: u32 = 1;
+pub const SCHEMA: u32 = 1;
 
 /// Arguments of `diff`.
 #[derive(Debug, Args)]

@@ -37,7 +37,7 @@ Exit codes:
   2  the command line or a sample is wrong; the error names its line, reason and fix";
 
 /// Version of the JSON output.
-const SCHEMA: u32 = 1;
+pub const SCHEMA: u32 = 1;
 /// Tries at most.
 const MAX_TRIES: u64 = 1_000_000;
 

@@ -68,7 +68,7 @@ Exit codes:
 /// Exit code: a constraint is violated.
 const VIOLATED: u8 = 3;
 /// The version of the JSON output.
-const SCHEMA: u32 = 1;
+pub const SCHEMA: u32 = 1;
 
 /// Arguments of `room`.
 #[derive(Debug, Args)]

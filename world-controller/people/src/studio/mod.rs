@@ -43,7 +43,7 @@ use std::sync::Arc;
 use thiserror::Error;
 
 /// The version of the format of requests.
-const VERSION: u16 = 1;
+pub const VERSION: u16 = 1;
 
 /// The end of the command's help.
 pub const EXAMPLES: &str = "\

@@ -25,8 +25,8 @@ mod supervisor;
 mod watch;
 
 pub use crate::swarm::hosts::{
-    Address, AddressError, DaemonError, DaemonOptions, HostsFile, HostsFileError, HostsOptions, NetCost,
-    NetCosts, Placement, ReachError, Survey, build, daemon, host_status,
+    Address, AddressError, DaemonError, DaemonOptions, HOSTS_FILE_VERSION, HostsFile, HostsFileError,
+    HostsOptions, NetCost, NetCosts, Placement, ReachError, Survey, build, daemon, host_status,
 };
 #[cfg(feature = "hosts")]
 pub use crate::swarm::hosts::{KeysError, NetBenchError, keep_zenoh_on_one_thread, make_keys, measure_net};

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// The version of hosts files.
-const VERSION: u64 = 1;
+pub const VERSION: u64 = 1;
 /// Largest size of a hosts file in bytes.
 const LIMIT: u64 = 1 << 20;
 /// How far the clock of another machine may be off by default.

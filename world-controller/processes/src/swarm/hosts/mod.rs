@@ -34,7 +34,7 @@ pub use backend::{Hosts, backend};
 pub use costs::{NetCost, NetCosts};
 pub use daemon::{DaemonError, DaemonOptions, daemon};
 pub use fleet::{Fleet, FleetError, Inherited};
-pub use hosts_file::{HostsFile, HostsFileError, Placement};
+pub use hosts_file::{HostsFile, HostsFileError, Placement, VERSION as HOSTS_FILE_VERSION};
 #[cfg(feature = "hosts")]
 pub use net::bench::{NetBenchError, measure as measure_net};
 #[cfg(feature = "hosts")]
