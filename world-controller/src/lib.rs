@@ -6,11 +6,54 @@
 //! Absent: decisions of the protocol, which are in `metamorph_protocol`, and ground truth about the world, which
 //! is in `metamorph_sim_bridge`.
 
-pub use metamorph_cli as cli;
-pub use metamorph_cli::{learn, structure};
+pub use metamorph_cli::learn;
 pub use metamorph_free_modules::gait;
 pub use metamorph_people::{pointing, room, studio};
 pub use metamorph_processes::{control, record, swarm};
+
+/// The command line, with the commands of all crates.
+pub mod cli {
+    pub use metamorph_cli::{PAIRING_SCHEMA, reference};
+    use std::sync::Once;
+
+    /// The list of all commands, and the command line that they make.
+    pub mod commands {
+        pub use metamorph_cli::commands::{NameTaken, all, install};
+
+        /// The command line.
+        pub struct CommandLine;
+
+        impl clap::CommandFactory for CommandLine {
+            fn command() -> clap::Command {
+                super::install_all();
+                metamorph_cli::commands::command_line()
+            }
+            fn command_for_update() -> clap::Command {
+                Self::command()
+            }
+        }
+    }
+
+    /// The program: from its arguments to an exit code.
+    pub mod dispatch {
+        use std::ffi::OsString;
+        use std::process::ExitCode;
+
+        /// Executes the command given by the arguments (the first is the program's name).
+        pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+            super::install_all();
+            metamorph_cli::dispatch::main(args)
+        }
+    }
+
+    fn install_all() {
+        static INSTALLED: Once = Once::new();
+        INSTALLED.call_once(|| {
+            let installed = metamorph_cli::commands::install(metamorph_people::COMMANDS);
+            installed.expect("invariant: the names of commands differ, as a test shows");
+        });
+    }
+}
 
 /// The terminal, output files, signals, and how numbers and foreign text are written.
 pub mod console {
@@ -52,6 +95,12 @@ pub mod run {
         pub use metamorph_families::simulated::*;
         pub use metamorph_processes::run::simulated::*;
     }
+}
+
+/// Body and limbs of structures, and the command `structure`.
+pub mod structure {
+    pub use metamorph_cli::structure::*;
+    pub use metamorph_free_modules::structure::SCHEMA;
 }
 
 /// Plans of free modules, and the command `plan`.

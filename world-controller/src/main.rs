@@ -5,5 +5,5 @@ use std::process::ExitCode;
 fn main() -> ExitCode {
     #[cfg(feature = "hosts")]
     metamorph_processes::swarm::keep_zenoh_on_one_thread();
-    metamorph_cli::dispatch::main(std::env::args_os())
+    metamorph_world_controller::cli::dispatch::main(std::env::args_os())
 }

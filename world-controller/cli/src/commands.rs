@@ -1,245 +1,195 @@
-//! All commands: the arguments of each, and the function that executes it.
+//! The list of all commands, and the command line that they make.
 
-use crate::args::*;
-use crate::assemblies;
-use crate::doctor::{DoctorArgs, doctor};
-use crate::examples::*;
-use crate::figures::{RenderArgs, render};
-use crate::host::{self, HostArgs};
-use crate::learn::{self, LearnArgs};
-use crate::modules::modules;
-use crate::new::{NewArgs, new};
-use crate::plan::{self, PlanArgs as ReconfigurationArgs};
-use crate::reference::{CompletionArgs, ManArgs, PagesError, SchemaArgs, completions, man, schema};
-use crate::robot::{self, RobotArgs};
-use crate::runs::{self, resume, run, view};
-use crate::scenarios::{ScenariosArgs, scenarios};
-use crate::shape::{ShapeArgs, shape};
-use crate::structure::{self, StructureArgs};
-use crate::structures::{Format, export_structure};
-use clap::{ArgAction, Parser, Subcommand};
-use metamorph_bench as bench;
-use metamorph_console::interrupt::Interrupt;
-use metamorph_console::output::Outputs;
-use metamorph_console::stopwatch::Stopwatch;
-use metamorph_console::terminal::{print_data, print_out};
-use metamorph_experiments::diff::{DiffArgs, diff};
-use metamorph_experiments::explore::explore;
-use metamorph_experiments::sweep::sweep;
-use metamorph_people::pointing::{self, PointArgs};
-use metamorph_people::room::{self, RoomArgs};
-use metamorph_people::studio::{self, StudioArgs};
-use metamorph_processes::family::{self, families};
-use metamorph_processes::record::journal::JournalFailure;
-use metamorph_processes::run::processes;
-use metamorph_processes::run::replay;
-use metamorph_reproduce::reproduce;
-use metamorph_scenario::plan_summary::overview;
-use metamorph_text::command_error::{BAD_USAGE, DIFFERENT, Failure};
-use metamorph_text::escape::Shown;
-use metamorph_view::export::commands::export_commands;
-use metamorph_view::export::{ExportArgs, export};
+use crate::exit_codes::{EXIT_CODES, JOURNAL_EXIT_CODES};
+use crate::{
+    agent, bench, check, clean, diff, doctor, explore, export, host, learn, new, plan, reference, render,
+    replay, reproduce, resume, robot, run, scenarios, shape, structure, sweep, view,
+};
+use clap::{Arg, ArgAction, ArgMatches};
+use metamorph_console::command::{Call, Command, Group};
+use metamorph_text::command_error::{BAD_USAGE, Failure};
+use std::sync::{Mutex, PoisonError};
+use thiserror::Error;
 
-/// Runs swarms of self-reconfiguring modules: every module is a process, or all are simulated in
-/// virtual time.
-#[derive(Debug, Parser)]
-#[command(name = "metamorph", version, after_help = TOP_EXAMPLES, after_long_help = format!("{TOP_EXAMPLES}\n\n{EXIT_CODES}{JOURNAL_EXIT_CODES}"))]
-pub struct CommandLine {
-    /// The command.
-    #[command(subcommand)]
-    pub command: Command,
-    /// Log more to standard error; repeatable
-    #[arg(short, long, action = ArgAction::Count, global = true)]
-    pub verbose: u8,
+/// The commands of this crate, in the order of the help.
+const BUILT_IN: &[&dyn Command] = &[
+    &scenarios::COMMAND,
+    &run::COMMAND,
+    &view::COMMAND,
+    &check::COMMAND,
+    &new::COMMAND,
+    &resume::COMMAND,
+    &replay::COMMAND,
+    &host::COMMAND,
+    &render::COMMAND,
+    &export::COMMAND,
+    &shape::COMMAND,
+    &sweep::COMMAND,
+    &diff::COMMAND,
+    &explore::COMMAND,
+    &reproduce::COMMAND,
+    &plan::COMMAND,
+    &structure::COMMAND,
+    &learn::COMMAND,
+    &robot::COMMAND,
+    &doctor::COMMAND,
+    &clean::COMMAND,
+    &bench::COMMAND,
+    &reference::SCHEMA,
+    &reference::COMPLETIONS,
+    &reference::MAN,
+    &agent::COMMAND,
+];
+
+/// The commands that a newcomer needs first.
+const FIRST: [&str; 6] = ["scenarios", "run", "view", "check", "new", "sweep"];
+
+/// The examples at the end of the help of the program.
+const EXAMPLES: &str = "\
+Examples:
+  metamorph run deploy/scenarios/swarm.toml              one process per module
+  metamorph run deploy/scenarios/swarm.toml --link sim   the same in virtual time, repeatable
+  metamorph check my.toml                                what would run, or what is wrong
+  metamorph clean                                        remove what killed runs left behind
+
+An output file appears at the end of a command, complete; it must not be another file that the command
+reads or writes. If standard output cannot be written, the exit code is 1; a reader that closes it early
+(`| head`) is not an error.
+
+Logs go to standard error; -v, -vv and -vvv show more, and METAMORPH_LOG takes filters such as
+`metamorph_processes=debug`.";
+
+/// Commands of other crates, and of programs that embed this one.
+static INSTALLED: Mutex<Vec<&'static dyn Command>> = Mutex::new(Vec::new());
+
+/// A command of this name exists already.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[error("there is a command {0} already")]
+pub struct NameTaken(&'static str);
+
+/// Adds commands to the built-in ones, after those of the same group.
+///
+/// # Errors
+/// A command of the name of one of them exists already; the commands before it are added.
+pub fn install(more: &[&'static dyn Command]) -> Result<(), NameTaken> {
+    for command in more {
+        if all().iter().any(|known| known.name() == command.name()) {
+            return Err(NameTaken(command.name()));
+        }
+        INSTALLED.lock().unwrap_or_else(PoisonError::into_inner).push(*command);
+    }
+    Ok(())
 }
 
-/// The commands.
-#[derive(Debug, Subcommand)]
-pub enum Command {
-    /// Run a scenario and report what happened
-    #[command(after_help = format!("{RUN_EXAMPLES}\n\n{EXIT_CODES}"))]
-    Run(RunArgs),
-    /// Show a run in the browser: in 3D, with a timeline
-    #[command(after_help = VIEW_EXAMPLES)]
-    View(ViewArgs),
-    /// Run a scenario with many seeds and varied values, and compare
-    #[command(after_help = SWEEP_EXAMPLES)]
-    Sweep(SweepArgs),
-    /// Compare two sweeps, with intervals and tests, or two reports
-    #[command(after_help = DIFF_EXAMPLES)]
-    Diff(DiffArgs),
-    /// Resume a run whose controller was killed
-    #[command(after_help = format!("{RESUME_EXAMPLES}\n\n{EXIT_CODES}{DAMAGED_EXIT_CODE}"))]
-    Resume(ResumeArgs),
-    /// Serve as one of several hosts of a swarm: the daemon that starts and supervises its share
-    #[command(after_help = host::EXAMPLES)]
-    Host(HostArgs),
-    /// Replay the journal of a run, and report the first difference
-    #[command(after_help = REPLAY_EXAMPLES)]
-    Replay(ReplayArgs),
-    /// Run experiments of the thesis and print the published numbers beside ours
-    #[command(after_help = REPRODUCE_EXAMPLES)]
-    Reproduce(ReproduceArgs),
-    /// Measure both links beside bare mechanisms, in tables and as JSON
-    #[command(after_help = BENCH_EXAMPLES)]
-    Bench(BenchArgs),
-    /// Plan the reconfiguration of free modules, exactly, or a structure of metamodules and elements; check, compare and count
-    #[command(after_help = plan::EXAMPLES)]
-    Plan(Box<ReconfigurationArgs>),
-    /// Find body and limbs of a structure, and its networks of oscillators
-    #[command(after_help = structure::EXAMPLES)]
-    Structure(StructureArgs),
-    /// Learn a gait of a structure in simulation, with bodies
-    #[command(after_help = learn::EXAMPLES)]
-    Learn(Box<LearnArgs>),
-    /// Find the floor tile that a tracked person points at
-    #[command(after_help = pointing::EXAMPLES)]
-    Point(PointArgs),
-    /// Check a room with furniture against its constraints, put it right, measure it, or write the scenario that builds it
-    #[command(after_help = room::EXAMPLES)]
-    Room(Box<RoomArgs>),
-    /// Generate random scenarios, run them, and shrink failures
-    #[command(after_help = EXPLORE_EXAMPLES)]
-    Explore(ExploreArgs),
-    /// Check a scenario and show what would run
-    #[command(after_help = CHECK_EXAMPLES)]
-    Check(CheckArgs),
-    /// Write a scenario to begin with: every key with its default and meaning
-    #[command(after_help = NEW_EXAMPLES)]
-    New(NewArgs),
-    /// List the scenarios that ship with the program
-    #[command(after_help = SCENARIOS_EXAMPLES)]
-    Scenarios(ScenariosArgs),
-    /// Convert a solid to cells, write it as a scenario, or pair the cells to modules
-    #[command(after_help = SHAPE_EXAMPLES)]
-    Shape(ShapeArgs),
-    /// Draw a structure of cubes or furnish a room in the browser, start what builds it, command it
-    #[command(after_help = studio::EXAMPLES)]
-    Studio(StudioArgs),
-    /// Check what of this machine limits a swarm of processes, and how to raise it
-    #[command(after_help = DOCTOR_EXAMPLES)]
-    Doctor(DoctorArgs),
-    /// Remove what killed runs left behind
-    #[command(after_help = CLEAN_EXAMPLES)]
-    Clean(CleanArgs),
-    /// Query the Roombots model: shapes, moves, kinematics, published tables
-    Robot(RobotArgs),
-    /// Draw figures of a run for papers: SVG, PNG, GIF and APNG, without a browser or a display
-    #[command(after_help = RENDER_EXAMPLES)]
-    Render(Box<RenderArgs>),
-    /// Export a journal as a recording for other viewers, or its structure at an instant as URDF or SDF
-    #[command(after_help = EXPORT_EXAMPLES)]
-    Export(ExportArgs),
-    /// Print the JSON schema of scenarios or reports
-    #[command(after_help = SCHEMA_EXAMPLES)]
-    Schema(SchemaArgs),
-    /// Print a script that completes command lines in a shell
-    #[command(after_help = COMPLETION_EXAMPLES)]
-    Completions(CompletionArgs),
-    /// Write man pages
-    Man(ManArgs),
-    /// One agent process; started by `run`
-    #[command(hide = true)]
-    Agent(AgentArgs),
+/// Returns all commands, in the order of the help.
+pub fn all() -> Vec<&'static dyn Command> {
+    let mut all = BUILT_IN.to_vec();
+    all.extend(INSTALLED.lock().unwrap_or_else(PoisonError::into_inner).iter());
+    // Stable, so that the order within a group stays.
+    all.sort_by_key(|command| command.group().map_or(Group::ALL.len(), |group| group as usize));
+    all
 }
 
-/// Executes a command, and returns the exit code. `since` was started with the program.
-pub fn execute(command: Command, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
-    match command {
-        Command::Run(args) => run(args, since, interrupt),
-        Command::View(args) => view(&args, since, interrupt),
-        Command::Check(args) => {
-            let hosts = args.plan.hosts.as_ref().and_then(|hosts| hosts.file.clone());
-            let (path, overrides) = args.plan.into();
-            let plan = runs::plan(&path, &overrides)?;
-            print_out(&overview(&plan));
-            hosts.map_or(Ok(0), |file| host::check(&file, &plan))
+/// Returns the command line: all commands, and the options of the program.
+pub fn command_line() -> clap::Command {
+    let verbose = Arg::new("verbose").short('v').long("verbose").action(ArgAction::Count).global(true);
+    clap::Command::new("metamorph")
+        .version(env!("CARGO_PKG_VERSION"))
+        .about(
+            "Runs swarms of self-reconfiguring modules: every module is a process, or all are simulated in virtual time",
+        )
+        .subcommand_required(true)
+        .arg_required_else_help(true)
+        .arg(verbose.help("Log more to standard error; repeatable"))
+        .subcommands(all().iter().map(|command| command.define()))
+        .help_template(format!(
+            "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{}Options:\n{{options}}{{after-help}}",
+            groups()
+        ))
+        .after_help(EXAMPLES)
+        .after_long_help(format!("{EXAMPLES}\n\n{EXIT_CODES}{JOURNAL_EXIT_CODES}"))
+}
+
+/// Width of the list of commands in columns.
+const WIDTH: usize = 100;
+
+/// Lists the commands for the help: those that a newcomer needs first, then the others by groups.
+fn groups() -> String {
+    let all = all();
+    let named = |name: &&str| all.iter().copied().find(|command| command.name() == *name);
+    let first: Vec<&dyn Command> = FIRST.iter().filter_map(|name| named(name)).collect();
+    let listed = all.iter().copied().filter(|command| command.group().is_some());
+    let widest = listed.clone().map(|command| command.name().len()).max().unwrap_or(0);
+    let mut text = String::new();
+    let mut section = |heading: &str, commands: &[&dyn Command]| {
+        text += &format!("{heading}:\n");
+        for command in commands {
+            let about = command.define().get_about().map(ToString::to_string).unwrap_or_default();
+            text += &entry(command.name(), &about, widest);
         }
-        Command::New(args) => Ok(new(&args)?),
-        Command::Scenarios(args) => scenarios(&args),
-        Command::Sweep(args) => Ok(sweep(&args.into())?),
-        Command::Diff(args) => Ok(diff(&args)?),
-        Command::Resume(args) => resume(args, since, interrupt),
-        Command::Host(args) => host::host(args, interrupt),
-        Command::Replay(args) => {
-            let quiet = args.quiet;
-            let (plan, replayed) = family::replay(&args.into())?;
-            if !quiet {
-                print_out(&replay::text(&plan, &replayed));
+        text.push('\n');
+    };
+    section("To begin with", &first);
+    for group in Group::ALL {
+        let others = listed.clone().filter(|command| command.group() == Some(group));
+        section(group.heading(), &others.filter(|c| !FIRST.contains(&c.name())).collect::<Vec<_>>());
+    }
+    text
+}
+
+/// Writes a name and a sentence beside it, which is wrapped.
+fn entry(name: &str, about: &str, widest: usize) -> String {
+    let indent = widest + 4;
+    let mut lines = vec![String::new()];
+    for word in about.split(' ') {
+        let line = lines.last_mut().expect("invariant: there is a line");
+        if !line.is_empty() && indent + line.chars().count() + 1 + word.chars().count() > WIDTH {
+            lines.push(word.to_owned());
+        } else {
+            if !line.is_empty() {
+                line.push(' ');
             }
-            match replayed.damage {
-                Some(damage) => Err(JournalFailure::from(damage).into()),
-                None => Ok(if replayed.difference.is_some() { DIFFERENT } else { 0 }),
-            }
+            line.push_str(word);
         }
-        Command::Reproduce(args) => Ok(reproduce(&args.into())?),
-        Command::Shape(args) if args.modules => Ok(modules(&args)?),
-        Command::Shape(args) => {
-            let shown = shape(&args, families())?;
-            print_out(&shown.text);
-            Ok(if shown.buildable { 0 } else { BAD_USAGE })
+    }
+    let separator = format!("\n{}", " ".repeat(indent));
+    format!("  {name:widest$}  {}\n", lines.join(&separator))
+}
+
+/// Executes the command of a parsed command line, and returns the exit code.
+pub fn execute(matches: &ArgMatches, call: Call<'_>) -> Result<u8, Failure> {
+    let chosen = matches.subcommand().and_then(|(name, own)| {
+        let command = all().into_iter().find(|command| command.name() == name)?;
+        Some((command, own))
+    });
+    match chosen {
+        Some((command, own)) => command.execute(own, call),
+        None => Err(Failure { text: "metamorph: no command is named".to_owned(), exit_code: BAD_USAGE }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_command_is_listed_once_and_names_are_unique() {
+        let help = command_line().render_help().to_string();
+        for command in BUILT_IN.iter().filter(|command| command.group().is_some()) {
+            let begins = format!("  {} ", command.name());
+            assert_eq!(help.lines().filter(|line| line.starts_with(&begins)).count(), 1, "{begins}\n{help}");
         }
-        Command::Plan(args) => {
-            if let Some(scenario) = &args.scenario {
-                return assemblies::plan(scenario, &args);
-            }
-            let (exit_code, plan) = plan::plan(&args, interrupt)?;
-            if let Some(plan) = plan.filter(|_| args.view) {
-                runs::view_plan(&plan, args.port, interrupt)?;
-            }
-            Ok(exit_code)
-        }
-        Command::Structure(args) => Ok(structure::structure(&args)?),
-        Command::Learn(args) => Ok(learn::learn(&args, interrupt)?),
-        Command::Point(args) => {
-            pointing::point(&args)?;
-            Ok(0)
-        }
-        Command::Room(args) => Ok(room::room(&args)?),
-        Command::Explore(args) => Ok(explore(&args.into())?),
-        Command::Bench(args) => Ok(bench::bench(&args.into())?),
-        Command::Studio(args) => Ok(studio::studio(&args, interrupt)?),
-        Command::Doctor(args) => Ok(doctor(&args)),
-        Command::Clean(args) => {
-            print_out(&processes::clean_up()?);
-            args.hosts.as_ref().map_or(Ok(0), host::clean)
-        }
-        Command::Robot(args) => {
-            robot::run(args)?;
-            Ok(0)
-        }
-        Command::Render(args) => render(*args, since, interrupt),
-        Command::Export(args) => {
-            let said = match (&args.mcap, &args.urdf, &args.sdf, &args.commands) {
-                (Some(file), ..) => {
-                    export(&args, file, families(), |plan| family::of(plan).shown(plan), interrupt)?
-                }
-                (None, Some(file), ..) => export_structure(&args, file, Format::Urdf)?,
-                (None, None, Some(file), _) => export_structure(&args, file, Format::Sdf)?,
-                (None, None, None, Some(file)) => export_commands(&args.journal, file, families())?,
-                (None, None, None, None) => unreachable!("invariant: clap asks for one of them"),
-            };
-            print_out(&said);
-            Ok(0)
-        }
-        Command::Schema(args) => {
-            print_data(&schema(args.of));
-            Ok(0)
-        }
-        Command::Completions(args) => {
-            print_data(&completions(args.shell));
-            Ok(0)
-        }
-        Command::Man(args) => {
-            let path = args.dir.shown();
-            for (file, page) in man(&args).map_err(|error| PagesError { path, error })? {
-                Outputs::new().writes("man", &file)?.write(page)?;
-            }
-            Ok(0)
-        }
-        Command::Agent(args) => {
-            family::agent(&args.args)?;
-            Ok(0)
-        }
+        let order: Vec<usize> =
+            FIRST.iter().chain(&["replay"]).map(|name| help.find(&format!("\n  {name} ")).unwrap()).collect();
+        assert!(order.is_sorted(), "{help}");
+        assert_eq!(install(&[&run::COMMAND]), Err(NameTaken("run")));
+    }
+
+    #[test]
+    fn a_long_sentence_is_wrapped_below_itself() {
+        let long = ["word"; 30].join(" ");
+        let text = entry("run", &long, 5);
+        assert!(text.lines().all(|line| line.chars().count() <= WIDTH), "{text}");
+        assert!(text.lines().skip(1).all(|line| line.starts_with("         word")), "{text}");
     }
 }

@@ -1,9 +1,9 @@
 //! The program: from its arguments to an exit code.
 
-use crate::commands::{CommandLine, execute};
+use crate::commands::{command_line, execute};
 use crate::log;
-use clap::Parser;
 use metamorph_bench as bench;
+use metamorph_console::command::Call;
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::stopwatch::Stopwatch;
 use metamorph_console::terminal::{self, note, print_error};
@@ -42,14 +42,14 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
             Err(failure) => fail(&failure),
         };
     }
-    let line = match CommandLine::try_parse_from(&args) {
+    let line = match command_line().try_get_matches_from(&args) {
         Ok(line) => line,
         Err(error) => return ExitCode::from(refuse(&error, &args)),
     };
-    let carried_out = log::to_stderr(line.verbose)
+    let carried_out = log::to_stderr(line.get_count("verbose"))
         .map_err(Failure::from)
         .and_then(|()| Interrupt::listen().map_err(|error| NoSignals(error).into()))
-        .and_then(|interrupt| execute(line.command, since, &interrupt));
+        .and_then(|interrupt| execute(&line, Call { since, interrupt: &interrupt }));
     match carried_out {
         Ok(code) => ExitCode::from(unless_out_failed(code)),
         Err(failure) => fail(&failure),
@@ -64,7 +64,7 @@ fn refuse(error: &clap::Error, args: &[OsString]) -> u8 {
     }
     // Clap quotes the arguments, so let it report on their escaped form.
     let shown = args.iter().map(|arg| arg.to_string_lossy().shown());
-    let harmless = CommandLine::try_parse_from(shown).err().filter(clap::Error::use_stderr);
+    let harmless = command_line().try_get_matches_from(shown).err().filter(clap::Error::use_stderr);
     match harmless {
         // A failure here cannot be reported anywhere.
         Some(error) => drop(error.print()),

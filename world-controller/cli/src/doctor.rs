@@ -3,6 +3,7 @@
 //! What a swarm needs of shared memory and descriptors is computed by the functions that `run` calls.
 
 use clap::Args;
+use metamorph_console::command::{CommandOf, Group};
 use metamorph_console::stopwatch::wait_until;
 use metamorph_console::terminal::{Channel, print_data};
 use metamorph_module_agent::run_dir::run_name::HOME;
@@ -343,6 +344,28 @@ fn own_program() -> Check {
     let fix = "start metamorph again: its file was replaced while it ran".to_owned();
     Check::yes("own program", works, State::Fail, found.to_owned(), "agents are this program", fix)
 }
+
+/// Examples for the help.
+const EXAMPLES: &str = "\
+Examples:
+  metamorph doctor
+  metamorph doctor --modules 1058
+  metamorph doctor --json | jq '.[] | select(.state != \"ok\")'
+
+Nothing is changed. What a swarm needs is computed as `run` does.
+
+Exit codes:
+  0  a swarm of this size can run
+  1  it cannot; the lines with FAIL say what to change";
+
+/// The command.
+pub static COMMAND: CommandOf<DoctorArgs> = CommandOf {
+    name: "doctor",
+    group: Some(Group::Machine),
+    about: "Check what of this machine limits a swarm of processes, and how to raise it",
+    after_help: || EXAMPLES.to_owned(),
+    execute: |args, _| Ok(doctor(&args)),
+};
 
 #[cfg(test)]
 mod tests {

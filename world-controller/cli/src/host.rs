@@ -1,8 +1,9 @@
 //! The command `host`: the daemon of one host of a swarm, its keys, and a look at it; and the daemons of a hosts file, for
 //! `check` and `clean`.
 
-use crate::args::HostsArg;
+use crate::scenario_args::HostsArg;
 use clap::Args;
+use metamorph_console::command::{CommandOf, Group};
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::shutdown::Shutdown;
 use metamorph_console::terminal::{print_error, print_out};
@@ -19,7 +20,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// Examples for the help.
-pub const EXAMPLES: &str = "\
+const EXAMPLES: &str = "\
 Examples:
   metamorph host --listen /run/user/1000/h2.sock
   metamorph run deploy/scenarios/swarm.toml --hosts hosts.toml
@@ -198,3 +199,12 @@ pub fn clean(hosts: &HostsArg) -> Result<u8, Failure> {
     print_out(&lines.join("\n"));
     Ok(if all { 0 } else { FAILED })
 }
+
+/// The command.
+pub static COMMAND: CommandOf<HostArgs> = CommandOf {
+    name: "host",
+    group: Some(Group::Machine),
+    about: "Serve as one of several hosts of a swarm: the daemon that starts and supervises its share",
+    after_help: || EXAMPLES.to_owned(),
+    execute: |args, call| host(args, call.interrupt),
+};

@@ -1,12 +1,21 @@
-//! The command line: arguments, the function that executes each command, and the generated reference.
+//! The command line: one file a command, with its arguments, its help and its exit codes, and the list of all commands.
+//!
+//! `commands` has the list, `dispatch` goes from arguments to an exit code, `reference` makes what is generated from the
+//! definitions. `scenario_args` and `exit_codes` are shared by several commands, `runs` by those that run a scenario or show
+//! a run.
 
-pub mod args;
+mod agent;
 mod assemblies;
+mod bench;
+mod check;
+mod clean;
 pub mod commands;
+mod diff;
 pub mod dispatch;
 mod doctor;
-mod examples;
-mod figures;
+mod exit_codes;
+mod explore;
+mod export;
 mod host;
 pub mod learn;
 mod log;
@@ -16,11 +25,18 @@ mod new_protocol;
 pub mod plan;
 mod plots;
 pub mod reference;
+mod render;
+mod replay;
+mod reproduce;
+mod resume;
 pub mod robot;
+mod run;
 mod runs;
+mod scenario_args;
 mod scenarios;
 pub mod shape;
 pub mod structure;
-mod structures;
+mod sweep;
+mod view;
 
 pub use modules::SCHEMA as PAIRING_SCHEMA;

@@ -3,12 +3,12 @@
 use crate::shape::{RepairArg, ShapeArgs, ShapeError, describe, read};
 use metamorph_console::output::{Json, OutputError, Outputs};
 use metamorph_console::terminal::Channel;
-use metamorph_people::studio::analysis::Analysis;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::MAX_SEEDS;
 use metamorph_protocol::pairing::pins::Pin;
 use metamorph_protocol::pairing::repair::{Allowed, Change, Cheapest};
 use metamorph_protocol::pairing::{Colours, Pairing, PairingError};
+use metamorph_shapes::analysis::Analysis;
 use metamorph_shapes::drawing;
 use metamorph_text::command_error::{BAD_USAGE, CommandError};
 use metamorph_text::escape::{Shown as _, portable};

@@ -2,6 +2,7 @@
 
 use crate::new_protocol::protocol;
 use clap::Args;
+use metamorph_console::command::{CommandOf, Group};
 use metamorph_console::output::{OutputError, Outputs};
 use metamorph_console::terminal::print_out;
 use metamorph_processes::family::{self, families};
@@ -123,6 +124,31 @@ pub fn new(args: &NewArgs) -> Result<u8, NewError> {
     ));
     Ok(0)
 }
+
+/// Examples for the help.
+const EXAMPLES: &str = "\
+Examples:
+  metamorph new mine.toml
+  metamorph new chairs.toml --family metamodule
+  metamorph new tower.toml --like rabbit --minimal
+  metamorph new --protocol leader           a crate with a protocol, both drivers and tests
+
+Keys that are not set are commented out, with their defaults or examples. An existing file is never
+overwritten.
+
+Exit codes:
+  0  the scenario or the repository is written
+  1  it could not be written completely
+  2  the command line is wrong, or the file exists";
+
+/// The command.
+pub static COMMAND: CommandOf<NewArgs> = CommandOf {
+    name: "new",
+    group: Some(Group::Run),
+    about: "Write a scenario to begin with: every key with its default and meaning",
+    after_help: || EXAMPLES.to_owned(),
+    execute: |args, _| Ok(new(&args)?),
+};
 
 #[cfg(test)]
 mod tests {

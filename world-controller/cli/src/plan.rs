@@ -4,7 +4,9 @@
 
 mod ground;
 
+use crate::{assemblies, runs};
 use clap::{Args, ValueEnum};
+use metamorph_console::command::{CommandOf, Group};
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::{Json, Outputs};
 use metamorph_console::stopwatch::Stopwatch;
@@ -29,7 +31,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 /// The end of the command's help.
-pub const EXAMPLES: &str = "\
+const EXAMPLES: &str = "\
 Examples:
   metamorph plan --from line:4 --to loop:3x3             an optimal plan, proved
   metamorph plan --from line:4 --to loop:3x3 --types 123 --collision final -o plan.json
@@ -595,3 +597,23 @@ fn text(answer: &Answer) -> String {
     ));
     lines.join("\n")
 }
+
+fn execute(args: &PlanArgs, interrupt: &Interrupt) -> Result<u8, Failure> {
+    if let Some(scenario) = &args.scenario {
+        return assemblies::plan(scenario, args);
+    }
+    let (exit_code, plan) = plan(args, interrupt)?;
+    if let Some(plan) = plan.filter(|_| args.view) {
+        runs::view_plan(&plan, args.port, interrupt)?;
+    }
+    Ok(exit_code)
+}
+
+/// The command.
+pub static COMMAND: CommandOf<PlanArgs> = CommandOf {
+    name: "plan",
+    group: Some(Group::Study),
+    about: "Plan the reconfiguration of free modules, exactly, or a structure of metamodules and elements; check, compare and count",
+    after_help: || EXAMPLES.to_owned(),
+    execute: |args, call| execute(&args, call.interrupt),
+};

@@ -1,8 +1,11 @@
 //! The generated reference: JSON schemas of input and output, shell completions, and man pages.
 
-use crate::commands::CommandLine;
-use clap::{Args, CommandFactory, ValueEnum};
+use crate::commands::command_line;
+use clap::{Args, ValueEnum};
 use clap_complete::Shell;
+use metamorph_console::command::{CommandOf, Group};
+use metamorph_console::output::Outputs;
+use metamorph_console::terminal::print_data;
 use metamorph_experiments::sweep::summary::Summary;
 use metamorph_free_modules::gait::document::GaitFile;
 use metamorph_free_modules::plan::document::{PlanFile, StructureFile};
@@ -10,6 +13,8 @@ use metamorph_processes::family::families;
 use metamorph_report::schema::Report;
 use metamorph_scenario::schema as scenario;
 use metamorph_text::command_error::CommandError;
+use metamorph_text::command_error::Failure;
+use metamorph_text::escape::Shown;
 use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
 use serde_json::{Value, json};
@@ -93,7 +98,7 @@ fn written<T: JsonSchema>() -> Value {
 /// Returns a completion script.
 pub fn completions(shell: Shell) -> String {
     let mut script = Vec::new();
-    clap_complete::generate(shell, &mut CommandLine::command(), "metamorph", &mut script);
+    clap_complete::generate(shell, &mut command_line(), "metamorph", &mut script);
     String::from_utf8_lossy(&script).into_owned()
 }
 
@@ -113,10 +118,67 @@ impl CommandError for PagesError {}
 pub fn man(ManArgs { dir }: &ManArgs) -> io::Result<Vec<(PathBuf, Vec<u8>)>> {
     fs::create_dir_all(dir)?;
     let made = tempfile::tempdir()?;
-    clap_mangen::generate_to(CommandLine::command(), made.path())?;
+    clap_mangen::generate_to(command_line(), made.path())?;
     let pages = fs::read_dir(made.path())?.map(|page| {
         let page = page?;
         Ok((dir.join(page.file_name()), fs::read(page.path())?))
     });
     pages.collect()
+}
+
+/// Examples for the help.
+const SCHEMA_EXAMPLES: &str = "\
+Examples:
+  metamorph schema > scenario.schema.json
+  metamorph schema report | jq .properties.outcome
+
+An editor with a TOML language server checks a scenario that begins with
+    #:schema scenario.schema.json";
+
+/// Examples for the help.
+const COMPLETION_EXAMPLES: &str = "\
+Examples:
+  metamorph completions bash > ~/.local/share/bash-completion/completions/metamorph
+  metamorph completions zsh > ~/.zfunc/_metamorph
+  metamorph completions fish > ~/.config/fish/completions/metamorph.fish";
+
+/// The command `schema`.
+pub static SCHEMA: CommandOf<SchemaArgs> = CommandOf {
+    name: "schema",
+    group: Some(Group::Machine),
+    about: "Print the JSON schema of scenarios or reports",
+    after_help: || SCHEMA_EXAMPLES.to_owned(),
+    execute: |args, _| {
+        print_data(&schema(args.of));
+        Ok(0)
+    },
+};
+
+/// The command `completions`.
+pub static COMPLETIONS: CommandOf<CompletionArgs> = CommandOf {
+    name: "completions",
+    group: Some(Group::Machine),
+    about: "Print a script that completes command lines in a shell",
+    after_help: || COMPLETION_EXAMPLES.to_owned(),
+    execute: |args, _| {
+        print_data(&completions(args.shell));
+        Ok(0)
+    },
+};
+
+/// The command `man`.
+pub static MAN: CommandOf<ManArgs> = CommandOf {
+    name: "man",
+    group: Some(Group::Machine),
+    about: "Write man pages",
+    after_help: String::new,
+    execute: |args, _| write_pages(&args),
+};
+
+fn write_pages(args: &ManArgs) -> Result<u8, Failure> {
+    let path = args.dir.shown();
+    for (file, page) in man(args).map_err(|error| PagesError { path, error })? {
+        Outputs::new().writes("man", &file)?.write(page)?;
+    }
+    Ok(0)
 }

@@ -1,7 +1,9 @@
 //! The commands that run a scenario or show a run: `run`, `resume` and `view`.
 
-use crate::args::{ResumeArgs, RunArgs, ViewArgs};
-use crate::figures::origin;
+use crate::render::origin;
+use crate::resume::ResumeArgs;
+use crate::run::RunArgs;
+use crate::view::ViewArgs;
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::{Json, Output, Outputs};
 use metamorph_console::stopwatch::Stopwatch;

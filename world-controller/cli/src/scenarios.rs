@@ -1,6 +1,7 @@
 //! The command `scenarios`: the scenarios that ship with the program.
 
 use clap::Args;
+use metamorph_console::command::{CommandOf, Group};
 use metamorph_console::terminal::{Channel, print_data};
 use metamorph_processes::family::read_file;
 use metamorph_scenario::{LinkKind, Overrides, shipped};
@@ -58,3 +59,23 @@ pub fn scenarios(args: &ScenariosArgs) -> Result<u8, Failure> {
     channel.say(&table.text(channel.paint()));
     Ok(0)
 }
+
+/// Examples for the help.
+const EXAMPLES: &str = "\
+Examples:
+  metamorph scenarios
+  metamorph scenarios --json | jq -r '.[].name'
+  metamorph run swarm
+  metamorph check rabbit
+
+Every command that takes a scenario also takes a name of this list. A file of the same name, or of the
+name with .toml, wins over it.";
+
+/// The command.
+pub static COMMAND: CommandOf<ScenariosArgs> = CommandOf {
+    name: "scenarios",
+    group: Some(Group::Run),
+    about: "List the scenarios that ship with the program",
+    after_help: || EXAMPLES.to_owned(),
+    execute: |args, _| scenarios(&args),
+};

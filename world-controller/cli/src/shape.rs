@@ -1,8 +1,12 @@
 //! `metamorph shape`: shows the cells of a file, reports what of them cannot be built, and writes a scenario
 //! that builds them.
 
+use crate::modules::modules;
 use clap::{Args, ValueEnum};
+use metamorph_console::command::{CommandOf, Group};
 use metamorph_console::output::{OutputError, Outputs};
+use metamorph_console::terminal::print_out;
+use metamorph_processes::family::families;
 use metamorph_processes::family::sources;
 use metamorph_protocol::goal::{Goal, Growth};
 use metamorph_protocol::lattice::Cell;
@@ -13,6 +17,7 @@ use metamorph_shapes::error::SolidError;
 use metamorph_shapes::preview::{self, Written};
 use metamorph_shapes::printability::{corners, printability};
 use metamorph_shapes::{Format, Import, Imported, Part, Up, import, pitch_for};
+use metamorph_text::command_error::Failure;
 use metamorph_text::command_error::{BAD_USAGE, CommandError};
 use metamorph_text::escape::{Shown as _, portable};
 use metamorph_text::format::{count, many};
@@ -267,3 +272,46 @@ fn scenario(
     read_text(families, &path.display().to_string(), &text, &overrides).map_err(ShapeError::Scenario)?;
     Ok(text)
 }
+
+/// Examples for the help.
+const EXAMPLES: &str = "\
+Examples:
+  metamorph shape deploy/shapes/table.obj --pitch 10
+  metamorph shape deploy/shapes/rabbit.stl --cells 14 --svg rabbit.svg --write rabbit.toml
+  metamorph shape config.xml --part blocks
+  metamorph shape config.xml --write case.toml
+  metamorph shape deploy/shapes/chair.toml --modules --split
+  metamorph shape deploy/shapes/chair.toml --modules --repair any --write repaired.toml
+
+A cell is filled if its centre is inside the solid. In a scenario, the same goal is
+    shape = { file = { path = \"rabbit.stl\", pitch = 10 } }
+The written scenario lists the cells themselves and does not need the file. Its modules start in a
+slab below the goal, or at the places of the configuration.
+
+A drawing is a TOML file with `version = 1` and `cells = [[0, 0, 0], [1, 0, 0]]`. With --modules, cells that
+share a face become modules of two; repairs are the fewest changes after which every cell has a partner.
+
+Exit codes:
+  0  no obstacle to building it was found before a run
+  1  a file could not be written
+  2  the command line or the file is wrong, or something cannot be built; every error names its
+     place, reason and fix
+  3  with --modules: cells stay without a partner; the answer says which, and what to change";
+
+fn execute(args: &ShapeArgs) -> Result<u8, Failure> {
+    if args.modules {
+        return Ok(modules(args)?);
+    }
+    let shown = shape(args, families())?;
+    print_out(&shown.text);
+    Ok(if shown.buildable { 0 } else { BAD_USAGE })
+}
+
+/// The command.
+pub static COMMAND: CommandOf<ShapeArgs> = CommandOf {
+    name: "shape",
+    group: Some(Group::Look),
+    about: "Convert a solid to cells, write it as a scenario, or pair the cells to modules",
+    after_help: || EXAMPLES.to_owned(),
+    execute: |args, _| execute(&args),
+};

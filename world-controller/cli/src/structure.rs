@@ -3,6 +3,7 @@
 mod text;
 
 use clap::{Args, ValueEnum};
+use metamorph_console::command::{CommandOf, Group};
 use metamorph_console::output::{Json, OutputError, Outputs};
 use metamorph_console::terminal::Channel;
 use metamorph_free_modules::plan::PlanError;
@@ -20,7 +21,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// The end of the command's help.
-pub const EXAMPLES: &str = "\
+const EXAMPLES: &str = "\
 Examples:
   metamorph structure quad5-sym                      body, limbs, roles and networks
   metamorph structure deploy/structures/struct10.json --network fo
@@ -189,3 +190,12 @@ fn read(argument: &str) -> Result<Connected, StructureCommandError> {
         file => Ok(connected(&place, &file?)?),
     }
 }
+
+/// The command.
+pub static COMMAND: CommandOf<StructureArgs> = CommandOf {
+    name: "structure",
+    group: Some(Group::Study),
+    about: "Find body and limbs of a structure, and its networks of oscillators",
+    after_help: || EXAMPLES.to_owned(),
+    execute: |args, _| Ok(structure(&args)?),
+};

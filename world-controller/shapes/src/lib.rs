@@ -9,6 +9,7 @@
 //! *Invariant.* No file makes this panic or exceed the memory and time that the limits in `error` allow.
 //! Absent: repairing broken meshes; a mesh with holes has no inside.
 
+pub mod analysis;
 pub mod drawing;
 pub mod error;
 mod mesh;

@@ -11,6 +11,7 @@ mod text;
 
 use crate::structure::{self, NetworkArg, StructureCommandError};
 use clap::Args;
+use metamorph_console::command::{CommandOf, Group};
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::{Json, Output, OutputError, Outputs};
 use metamorph_console::terminal::{Channel, Live};
@@ -38,7 +39,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// The end of the command's help.
-pub const EXAMPLES: &str = "\
+const EXAMPLES: &str = "\
 Examples:
   metamorph learn quad5-sym --write gait.json              120 gaits, each with three frictions
   metamorph learn quad5-sym --trials 40 --trial 15s --fitness thesis
@@ -311,3 +312,12 @@ fn resumed(path: &Path, part: &StudyPart) -> Result<GaitFile, PlanError> {
         }
     }
 }
+
+/// The command.
+pub static COMMAND: CommandOf<LearnArgs> = CommandOf {
+    name: "learn",
+    group: Some(Group::Study),
+    about: "Learn a gait of a structure in simulation, with bodies",
+    after_help: || EXAMPLES.to_owned(),
+    execute: |args, call| Ok(learn(&args, call.interrupt)?),
+};

@@ -11,6 +11,7 @@ mod report;
 mod svg;
 
 use clap::{Args, Subcommand};
+use metamorph_console::command::{CommandOf, Group};
 use metamorph_console::output::OutputError;
 use metamorph_families::metamodule::motion_database::database;
 use metamorph_processes::family::sources;
@@ -168,3 +169,12 @@ pub fn run_to(args: RobotArgs, out: &mut dyn Write) -> Result<(), RobotError> {
         _ => answer.failure.map_or(Ok(()), Err),
     }
 }
+
+/// The command.
+pub static COMMAND: CommandOf<RobotArgs> = CommandOf {
+    name: "robot",
+    group: Some(Group::Study),
+    about: "Query the Roombots model: shapes, moves, kinematics, published tables",
+    after_help: String::new,
+    execute: |args, _| run(args).map(|()| 0).map_err(Into::into),
+};

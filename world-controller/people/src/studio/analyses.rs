@@ -1,7 +1,6 @@
 //! Analyses that pages ask for: a page sends what has changed since a revision, and gets the answer for the new one. One
 //! analysis is carried out at a time; a newer one of the same page cancels it.
 
-use super::analysis::Analysis;
 use super::budget::{Budget, LONGEST};
 use super::one_at_a_time::{NoAnswer, OneAtATime, PAGES};
 use super::site::{Response, read_of_page};
@@ -12,6 +11,7 @@ use metamorph_protocol::pairing::repair::Allowed;
 use metamorph_protocol::pairing::{Pairing, PairingError};
 use metamorph_protocol::shape::components;
 use metamorph_scenario::family::{DrawnStructure, Families};
+use metamorph_shapes::analysis::Analysis;
 use metamorph_view::http::refused;
 use serde::Deserialize;
 use serde_json::{Value, json};

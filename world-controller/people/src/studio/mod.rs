@@ -10,7 +10,7 @@
 //! Everything that changes something, or that tells what is in files, needs the secret of the printed address.
 
 pub mod analyses;
-pub mod analysis;
+pub use metamorph_shapes::analysis;
 mod budget;
 mod desk;
 mod directory;

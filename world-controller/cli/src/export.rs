@@ -1,13 +1,19 @@
 //! The command `export` to URDF and SDF: the structure of modules at an instant of a recorded run.
 
+use metamorph_console::command::{CommandOf, Group};
+use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::{OutputError, Outputs};
+use metamorph_console::terminal::print_out;
 use metamorph_processes::family::{self, Recorded, recorded};
 use metamorph_processes::record::journal::JournalFailure;
 use metamorph_processes::record::journal::ReadError;
 use metamorph_scene::figure::snapshot::Playback;
+use metamorph_text::command_error::Failure;
 use metamorph_text::command_error::{BAD_USAGE, CommandError};
 use metamorph_text::escape::Shown;
 use metamorph_text::format::{many, seconds};
+use metamorph_view::export::commands::export_commands;
+use metamorph_view::export::export;
 use metamorph_view::export::sdf::sdf;
 use metamorph_view::export::structure::{Measures, NotConnected, Structure};
 use metamorph_view::export::urdf::urdf;
@@ -105,3 +111,46 @@ pub fn export_structure(args: &ExportArgs, file: &Path, format: Format) -> Resul
         many((structure.tree.len() + structure.loops.len()) as u64, "connection"),
     ))
 }
+
+/// Examples for the help.
+const EXAMPLES: &str = "\
+Examples:
+  metamorph run deploy/scenarios/swarm.toml --link sim --journal run.journal
+  metamorph export run.journal --mcap run.mcap
+  metamorph export run.journal --mcap run.mcap --schema ros2
+  metamorph export run.journal --at 50% --urdf half.urdf
+  metamorph export run.journal --sdf end.sdf --cell 0.05 --mass 0.2
+
+The recording has Foxglove's SceneUpdate on /modules and Log on /log. Open it in Foxglove or in Lichtblick
+and show /modules in a 3D panel whose frame is `world`. With --schema ros2 it has MarkerArray on
+/modules, TFMessage on /tf and Log on /rosout.
+
+A structure is in metres, kilograms and radians with z up. URDF has a tree of connections and names how
+many are left out; SDF has all of them.
+
+Exit codes:
+  0  the recording or the structure is written
+  1  it could not be written completely
+  2  the command line is wrong, or the file is not a journal of this version
+  9  the journal is damaged; no recording is left behind";
+
+fn execute(args: &ExportArgs, interrupt: &Interrupt) -> Result<u8, Failure> {
+    let said = match (&args.mcap, &args.urdf, &args.sdf, &args.commands) {
+        (Some(file), ..) => export(args, file, families(), |plan| family::of(plan).shown(plan), interrupt)?,
+        (None, Some(file), ..) => export_structure(args, file, Format::Urdf)?,
+        (None, None, Some(file), _) => export_structure(args, file, Format::Sdf)?,
+        (None, None, None, Some(file)) => export_commands(&args.journal, file, families())?,
+        (None, None, None, None) => unreachable!("invariant: clap asks for one of them"),
+    };
+    print_out(&said);
+    Ok(0)
+}
+
+/// The command.
+pub static COMMAND: CommandOf<ExportArgs> = CommandOf {
+    name: "export",
+    group: Some(Group::Look),
+    about: "Export a journal as a recording for other viewers, or its structure at an instant as URDF or SDF",
+    after_help: || EXAMPLES.to_owned(),
+    execute: |args, call| execute(&args, call.interrupt),
+};

@@ -1,8 +1,9 @@
 //! The command `render`: figures of a journal, or of a scenario that is simulated as far as it is needed.
 
-use crate::args::SimulatedArgs;
+use crate::scenario_args::SimulatedArgs;
 use crate::{plots, runs};
 use clap::Args;
+use metamorph_console::command::{CommandOf, Group};
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::{Output, OutputError, Outputs};
 use metamorph_console::stopwatch::Stopwatch;
@@ -295,3 +296,35 @@ fn write_series(
     })?;
     Ok(format!("until {}, {}", seconds(end.as_secs_f64()), many(written.into(), "file")))
 }
+
+/// Examples for the help.
+const EXAMPLES: &str = "\
+Examples:
+  metamorph render deploy/scenarios/slab-to-sphere.toml --at 50% --out slab-to-sphere.svg
+  metamorph render deploy/scenarios/slab-to-sphere.toml --section 'x<11' --color level --width 180mm --out cut.png
+  metamorph render deploy/scenarios/swarm.toml --every 250ms --out swarm.gif
+  metamorph render deploy/scenarios/swarm.toml --every 5s --out 'frames/{i}.png'
+  metamorph render swarm --at 3s --links waits,messages --out links.svg
+  metamorph run deploy/scenarios/swarm.toml --journal run.journal
+  metamorph render run.journal --at 12s --camera top --only goal --goal ghost > top.svg
+  metamorph render results --plot makespan --out makespan.svg --table makespan.csv
+
+Projections are parallel: lengths in the plane of the picture can be measured with the scale bar. In an SVG
+every module is a group with its number, role and cell. A figure says in itself how it was made. The same run
+and options give the same bytes.
+
+Exit codes:
+  0  the figure is written
+  1  it could not be written completely
+  2  the command line or the scenario is wrong, or there is nothing to draw
+  7  stopped by Ctrl-C, SIGTERM or SIGHUP; nothing is written
+  9  the journal is damaged";
+
+/// The command.
+pub static COMMAND: CommandOf<RenderArgs> = CommandOf {
+    name: "render",
+    group: Some(Group::Look),
+    about: "Draw figures of a run for papers: SVG, PNG, GIF and APNG, without a browser or a display",
+    after_help: || EXAMPLES.to_owned(),
+    execute: |args, call| render(args, call.since, call.interrupt),
+};

@@ -1,0 +1,64 @@
+//! The command `resume`.
+
+use crate::exit_codes::{DAMAGED_EXIT_CODE, EXIT_CODES};
+use crate::runs::resume;
+use crate::scenario_args::hosts_file;
+use clap::Args;
+use metamorph_console::command::{CommandOf, Group};
+use metamorph_processes::swarm::HostsFile;
+use std::path::PathBuf;
+
+/// Examples for the help.
+const EXAMPLES: &str = "\
+Examples:
+  metamorph run deploy/scenarios/swarm.toml --journal run.journal --patience 60s
+  (its controller is killed, for example by kill -9)
+  metamorph resume run.journal
+  metamorph resume run.journal --hosts hosts.toml --old-host-is-gone
+
+The controller hosts the simulated bodies, so without it nothing moves, while modules keep exchanging
+messages. Bodies and controller are rebuilt from the journal. Modules wait for --patience; after that, or
+if the machine was restarted, the run cannot be resumed. The daemons of a run with --hosts wait as well on
+this machine; on other machines they wait for the `fence` of the hosts file, and those that have ended count
+as lost. With --old-host-is-gone the run goes on from another machine that has the parts of the journal.";
+
+/// Arguments of `resume`.
+#[derive(Debug, Args)]
+pub struct ResumeArgs {
+    /// The journal of the run
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Go on from this machine, since that of the controller is lost for good; its modules count as dead.
+    /// Nothing checks that it is lost, and two controllers would break the run
+    #[arg(long, requires = "hosts")]
+    pub old_host_is_gone: bool,
+    /// With --old-host-is-gone: the hosts, as seen from this machine, with the keys of h1
+    #[arg(long, value_name = "FILE", requires = "old_host_is_gone", value_parser = hosts_file)]
+    pub hosts: Option<HostsFile>,
+    /// Write the report as JSON to a file, or to standard output with `-` (text for people then goes
+    /// to standard error)
+    #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
+    pub json: Option<PathBuf>,
+    /// Write a report with plots to this file, as one self-contained HTML page
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
+    /// Show the run in the browser during the run and afterwards, until Ctrl-C; the address is
+    /// printed. Messages between processes are shown afterwards
+    #[arg(long)]
+    pub view: bool,
+    /// Let the page command the run; a second address, with the secret for that, is printed
+    #[arg(long, requires = "view")]
+    pub control: bool,
+    /// Print errors only, and JSON if requested
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+/// The command.
+pub static COMMAND: CommandOf<ResumeArgs> = CommandOf {
+    name: "resume",
+    group: Some(Group::Run),
+    about: "Resume a run whose controller was killed",
+    after_help: || format!("{EXAMPLES}\n\n{EXIT_CODES}{DAMAGED_EXIT_CODE}"),
+    execute: |args, call| resume(args, call.since, call.interrupt),
+};

@@ -1,0 +1,194 @@
+//! Arguments that several commands share: a scenario and its overrides, hosts, the number of concurrent runs.
+
+use clap::{Args, ValueEnum};
+use metamorph_processes::swarm::{HostsFile, Placement};
+use metamorph_protocol::time::{Span, SpanError};
+use metamorph_scenario::settings::Setting;
+use metamorph_scenario::{LinkKind, NEVER, Overrides, SEED, TIME_SCALE};
+use std::fmt::Display;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Returns the help of an option that overrides a value of the scenario. `default` is the value that holds if
+/// the scenario does not set it either.
+fn left_out(what: &str, default: impl Display) -> String {
+    format!("{what}; default: the scenario's, or {default}")
+}
+
+/// The scenario and its overrides.
+#[derive(Debug, Args)]
+pub struct PlanArgs {
+    /// The scenario: a TOML file, or a name that `metamorph scenarios` lists
+    #[arg(value_name = "SCENARIO")]
+    pub scenario: PathBuf,
+    /// The link: `ipc` starts one process per module, `sim` simulates all in virtual time,
+    /// deterministically
+    #[arg(long, value_enum, default_value_t = LinkArg::Ipc)]
+    pub link: LinkArg,
+    /// The seed of the run's randomness
+    #[arg(long, value_name = "N", help = left_out("The seed of the run's randomness", SEED))]
+    pub seed: Option<u64>,
+    /// Kill the process of module ID at time T; its body stays where it is. ID may be a host of the scenario, such as
+    /// h2: all its processes (repeatable)
+    #[arg(long, value_name = "ID@T", allow_hyphen_values = true)]
+    pub kill: Vec<String>,
+    /// Stop the process of module ID, or all of a host, from one time to another (repeatable)
+    #[arg(long, value_name = "ID@T..T", allow_hyphen_values = true)]
+    pub pause: Vec<String>,
+    /// Restart the process of module ID at time T, without its memory; if it is alive, it is
+    /// killed first (repeatable)
+    #[arg(long, value_name = "ID@T", allow_hyphen_values = true)]
+    pub restart: Vec<String>,
+    /// Probability that a message is lost
+    #[arg(long, value_name = "P", help = left_out("Probability that a message is lost", NEVER), allow_hyphen_values = true)]
+    pub loss: Option<String>,
+    /// Delay of messages, T or T..T; on `ipc` added to the real one. Default: the scenario's, or on
+    /// `sim` from a hundredth to a tenth of a move, on `ipc` none
+    #[arg(long, value_name = "D", allow_hyphen_values = true)]
+    pub delay: Option<String>,
+    /// Probability that a message arrives twice
+    #[arg(long, value_name = "P", help = left_out("Probability that a message arrives twice", NEVER), allow_hyphen_values = true)]
+    pub dup: Option<String>,
+    /// Probability that a message is overtaken by later ones
+    #[arg(long, value_name = "P", help = left_out("Probability that a message is overtaken by later ones", NEVER), allow_hyphen_values = true)]
+    pub reorder: Option<String>,
+    /// Set a value in the scenario, for example link.loss=5% or goal.0.growth=solid (repeatable)
+    #[arg(long, value_name = "KEY=VALUE", allow_hyphen_values = true)]
+    pub set: Vec<String>,
+    /// Give the swarm an operator who helps it when it is stuck (metamodules). Default: the scenario's, or none
+    #[arg(long, value_enum, value_name = "KIND")]
+    pub operator: Option<OperatorArg>,
+    /// Divide the swarm among several hosts: their number, for daemons that this command starts on this machine, or a
+    /// file that names running ones (see `metamorph host --help`). Default: the scenario's, or one
+    #[arg(long, value_name = "N|FILE", value_parser = hosts)]
+    pub hosts: Option<HostsArg>,
+    /// Scenario seconds per real second on `ipc`; `sim` is always as fast as possible
+    #[arg(long, value_name = "X", help = left_out("Scenario seconds per real second on `ipc`; `sim` is always as fast as possible", TIME_SCALE), allow_hyphen_values = true)]
+    pub time_scale: Option<String>,
+}
+
+/// The kind of operator, as typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum OperatorArg {
+    /// A program
+    Scripted,
+}
+
+/// The link, as typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LinkArg {
+    /// One process per module, over shared memory
+    Ipc,
+    /// All modules in one thread, in virtual time
+    Sim,
+}
+
+/// The hosts, as typed.
+#[derive(Clone, Debug)]
+pub struct HostsArg {
+    count: u64,
+    /// The hosts file; `None` if daemons are to be started.
+    pub file: Option<HostsFile>,
+}
+
+/// Reads the hosts file of this path.
+pub fn hosts_file(text: &str) -> Result<HostsFile, String> {
+    HostsFile::read(Path::new(text)).map_err(|e| e.to_string())
+}
+
+/// Reads a number of hosts, or the path of a hosts file.
+pub fn hosts(text: &str) -> Result<HostsArg, String> {
+    if let Ok(count) = text.parse() {
+        return Ok(HostsArg { count, file: None });
+    }
+    let file = hosts_file(text)?;
+    Ok(HostsArg { count: file.count() as u64, file: Some(file) })
+}
+
+impl From<PlanArgs> for (PathBuf, Overrides) {
+    fn from(args: PlanArgs) -> (PathBuf, Overrides) {
+        let file = args.hosts.as_ref().and_then(|hosts| hosts.file.as_ref());
+        let error = file.and_then(|file| file.clock_error).map(|error| format!("clock_error=\"{error}\""));
+        let placement = file.and_then(|file| file.placement).map(|by| match by {
+            Placement::Blocks => "placement=\"blocks\"".to_owned(),
+            Placement::Cut => "placement=\"cut\"".to_owned(),
+        });
+        let scripted = |OperatorArg::Scripted| "operator.kind=scripted".to_owned();
+        let operator = args.operator.map(scripted).map(|text| Setting { option: "--operator", text });
+        let sizes = file.and_then(|file| file.sizes.as_ref()).map(|sizes| format!("hosts={sizes:?}"));
+        let hosts = args.hosts.as_ref().map(|hosts| format!("hosts={}", hosts.count));
+        let hosts = sizes.or(hosts);
+        let hosts = hosts
+            .into_iter()
+            .chain(error)
+            .chain(placement)
+            .map(|text| Setting { option: "--set", text: format!("link.between_hosts.{text}") });
+        let set = args.set.into_iter().map(|text| Setting { option: "--set", text });
+        let overrides = Overrides {
+            link: match args.link {
+                LinkArg::Ipc => LinkKind::Ipc,
+                LinkArg::Sim => LinkKind::Sim,
+            },
+            seed: args.seed,
+            kill: args.kill,
+            pause: args.pause,
+            restart: args.restart,
+            loss: args.loss,
+            delay: args.delay,
+            duplicate: args.dup,
+            reorder: args.reorder,
+            time_scale: args.time_scale,
+            settings: operator.into_iter().chain(set).chain(hosts).collect(),
+        };
+        (args.scenario, overrides)
+    }
+}
+
+/// Options of commands that simulate a scenario if they are given one.
+#[derive(Debug, Args)]
+pub struct SimulatedArgs {
+    /// Of a scenario: the seed of the run's randomness
+    #[arg(long, value_name = "N", help = left_out("Of a scenario: the seed of the run's randomness", SEED))]
+    pub seed: Option<u64>,
+    /// Of a scenario: set a value in it, as for `run` (repeatable)
+    #[arg(long, value_name = "KEY=VALUE", allow_hyphen_values = true)]
+    pub set: Vec<String>,
+    /// Of a scenario: kill the process of module ID at time T (repeatable)
+    #[arg(long, value_name = "ID@T", allow_hyphen_values = true)]
+    pub kill: Vec<String>,
+    /// Of a scenario: stop the process of module ID from one time to another (repeatable)
+    #[arg(long, value_name = "ID@T..T", allow_hyphen_values = true)]
+    pub pause: Vec<String>,
+}
+
+impl SimulatedArgs {
+    /// Returns the overrides of a scenario.
+    pub fn overrides(&self) -> Overrides {
+        let setting = |text: &String| Setting { option: "--set", text: text.clone() };
+        Overrides {
+            link: LinkKind::Sim,
+            seed: self.seed,
+            kill: self.kill.clone(),
+            pause: self.pause.clone(),
+            settings: self.set.iter().map(setting).collect(),
+            ..Overrides::default()
+        }
+    }
+}
+
+/// Largest number of concurrent runs. A larger --jobs is reduced to it, as probably mistyped.
+const MAX_JOBS: NonZeroUsize = NonZeroUsize::new(1024).expect("invariant: 1024 is not 0");
+
+/// Returns the number of concurrent runs: the typed one, or else the number of processors; at most
+/// [`MAX_JOBS`].
+pub fn jobs(typed: Option<NonZeroUsize>) -> NonZeroUsize {
+    let all = || std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
+    typed.unwrap_or_else(all).min(MAX_JOBS)
+}
+
+/// Reads a real time with a unit.
+pub fn real_time(text: &str) -> Result<Duration, String> {
+    let Span(nanos) = text.parse().map_err(|e: SpanError| e.to_string())?;
+    Ok(Duration::from_nanos(nanos))
+}

@@ -1,0 +1,84 @@
+//! The command `sweep`.
+
+use crate::scenario_args::jobs;
+use clap::Args;
+use metamorph_console::command::{CommandOf, Group};
+use metamorph_experiments::sweep::{Request, sweep};
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+/// Examples for the help.
+const EXAMPLES: &str = "\
+Examples:
+  metamorph sweep deploy/scenarios/swarm.toml --seeds 0..1000
+  metamorph sweep deploy/scenarios/swarm.toml --seeds 0..1000 --vary link.loss=0%,1%,5%
+  metamorph sweep deploy/scenarios/swarm.toml --seeds 0..200 --vary protocol.connectivity=forest,cycles \\
+      --vary goal.0.growth=scaffold,solid --out results
+  metamorph sweep (the same options) --out results --resume
+
+Every combination of the varied values is run with every seed, on the simulated link. A key is the
+names of tables and keys joined by dots, with the number of an element for lists: goal.0.growth. A
+value is TOML, or text without quotes; commas in brackets or quotes belong to it. At most 10 million
+runs and 10,000 combinations.
+
+Files in DIR: runs.csv has a line for every run, summary.json the numbers of the table, report.html
+shows them. They are the same on every machine and with any number of jobs.
+
+Ctrl-C ends a sweep; with --out every completed run is kept.
+
+Exit codes:
+  0  every run has ended, however it ended
+  1  the program itself failed, for example because a file could not be written
+  2  the command line, the scenario or the directory is wrong
+  6  an invariant broke in at least one run, such as two modules in one cell
+  7  stopped by Ctrl-C, SIGTERM or SIGHUP before every run was done";
+
+/// Arguments of `sweep`.
+#[derive(Debug, Args)]
+pub struct SweepArgs {
+    /// The scenario: a TOML file, or a name that `metamorph scenarios` lists
+    #[arg(value_name = "SCENARIO")]
+    pub scenario: PathBuf,
+    /// The seeds, from A to B without B: 0..1000 are 1,000 runs
+    #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
+    pub seeds: String,
+    /// Run with each of these values of a key, for example link.loss=0%,1%,5% (repeatable: every
+    /// combination is run)
+    #[arg(long, value_name = "KEY=V1,V2,..", allow_hyphen_values = true)]
+    pub vary: Vec<String>,
+    /// Number of concurrent runs; default: the number of processors
+    #[arg(long, value_name = "N")]
+    pub jobs: Option<NonZeroUsize>,
+    /// Write the results to files in this directory, which must be new or empty
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Resume an interrupted sweep in DIR
+    #[arg(long, requires = "out")]
+    pub resume: bool,
+    /// Print errors only
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+impl From<SweepArgs> for Request {
+    fn from(args: SweepArgs) -> Request {
+        Request {
+            scenario: args.scenario,
+            seeds: args.seeds,
+            vary: args.vary,
+            jobs: jobs(args.jobs),
+            out: args.out,
+            resume: args.resume,
+            quiet: args.quiet,
+        }
+    }
+}
+
+/// The command.
+pub static COMMAND: CommandOf<SweepArgs> = CommandOf {
+    name: "sweep",
+    group: Some(Group::Study),
+    about: "Run a scenario with many seeds and varied values, and compare",
+    after_help: || EXAMPLES.to_owned(),
+    execute: |args, _| Ok(sweep(&args.into())?),
+};

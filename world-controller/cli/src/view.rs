@@ -1,0 +1,50 @@
+//! The command `view`.
+
+use crate::runs::view;
+use crate::scenario_args::SimulatedArgs;
+use clap::Args;
+use metamorph_console::command::{CommandOf, Group};
+use std::path::PathBuf;
+
+/// Examples for the help.
+const EXAMPLES: &str = "\
+Examples:
+  metamorph run deploy/scenarios/swarm.toml --journal run.journal
+  metamorph view run.journal                             show a recorded run
+  metamorph view deploy/scenarios/chair.toml --seed 7    simulate a scenario, and show it
+  metamorph view run.journal --port 8080                 at a port that is forwarded from another machine
+  metamorph run deploy/scenarios/swarm.toml --view       show processes while they run
+
+The address of the page is printed; open it in a browser of this machine. It works without a network,
+listens on the loopback interface only, and admits only requests with the complete address. `?` on the
+page lists its keys. Ctrl-C ends it.
+
+Exit codes:
+  0  the page was shown until Ctrl-C, SIGTERM or SIGHUP
+  1  the program itself failed, for example because no port was free
+  2  the command line or the scenario is wrong, or the file is not a journal of this version
+  9  the journal is damaged; what comes before the damage was shown until Ctrl-C";
+
+/// Arguments of `view`.
+#[derive(Debug, Args)]
+pub struct ViewArgs {
+    /// A journal that `run --journal` wrote; or a scenario (a file whose name ends in .toml, or a name that
+    /// `metamorph scenarios` lists), which is simulated and shown
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// What is simulated.
+    #[command(flatten)]
+    pub simulated: SimulatedArgs,
+    /// The port of the page's address, for example one that is forwarded; default: any free one
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub port: Option<u16>,
+}
+
+/// The command.
+pub static COMMAND: CommandOf<ViewArgs> = CommandOf {
+    name: "view",
+    group: Some(Group::Look),
+    about: "Show a run in the browser: in 3D, with a timeline",
+    after_help: || EXAMPLES.to_owned(),
+    execute: |args, call| view(&args, call.since, call.interrupt),
+};
