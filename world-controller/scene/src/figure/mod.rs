@@ -9,6 +9,7 @@ pub mod camera;
 pub mod composition;
 pub mod drawing;
 mod legend;
+mod letters;
 mod links;
 pub mod options;
 mod order;

@@ -1,30 +1,18 @@
 //! A picture as pixels, and as PNG.
 
+use super::letters::{Piece, UNITS_PER_EM, letter};
 use super::palette::Rgb;
 use super::picture::{Anchor, At, Element, Picture, Stroke};
 use std::io::{self, Write};
 use tiny_skia::{FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, StrokeDash, Transform};
-use ttf_parser::{Face, OutlineBuilder};
 
 /// Number of pixels of a picture at most.
 pub const MOST_PIXELS: u64 = 100_000_000;
 
-/// The font of texts: a part of DejaVu Sans (`font-licence.txt`).
-static FONT: &[u8] = include_bytes!("font.ttf");
-
-fn font() -> Face<'static> {
-    Face::parse(FONT, 0).expect("invariant: the font in the program is whole, as a test shows")
-}
-
 /// Returns the width of a text of this size.
 pub fn text_width(text: &str, size: f64) -> f64 {
-    let font = font();
-    let units: u32 = text.chars().map(|c| advance(&font, c)).sum();
-    f64::from(units) * size / f64::from(font.units_per_em())
-}
-
-fn advance(font: &Face<'_>, c: char) -> u32 {
-    font.glyph_hor_advance(font.glyph_index(c).unwrap_or_default()).unwrap_or(0).into()
+    let units: u32 = text.chars().map(|c| u32::from(letter(c).advance)).sum();
+    f64::from(units) * size / f64::from(UNITS_PER_EM)
 }
 
 /// Returns the number of pixels of a picture along both sides.
@@ -44,7 +32,6 @@ pub fn draw(picture: &Picture, dpi: u32) -> Option<Pixmap> {
     }
     let scale = dpi as f32 / 72.0;
     let transform = Transform::from_scale(scale, scale);
-    let font = font();
     for element in &picture.elements {
         match element {
             Element::Begin(..) | Element::End => {}
@@ -69,7 +56,7 @@ pub fn draw(picture: &Picture, dpi: u32) -> Option<Pixmap> {
                     Anchor::Middle => text_width(text, *size) / 2.0,
                     Anchor::End => text_width(text, *size),
                 };
-                if let Some(path) = letters(&font, text, [at[0] - left, at[1]], *size) {
+                if let Some(path) = letters(text, [at[0] - left, at[1]], *size) {
                     pixmap.fill_path(&path, &paint(*colour, 1.0), FillRule::Winding, transform, None);
                 }
             }
@@ -111,51 +98,35 @@ fn path(pieces: &[(Vec<At>, bool)]) -> Option<Path> {
     path.finish()
 }
 
-/// The outlines of glyphs on a page.
-struct Letters {
-    path: PathBuilder,
-    left: f32,
-    base: f32,
-    scale: f32,
-}
-
-impl Letters {
-    fn at(&self, x: f32, y: f32) -> (f32, f32) {
-        (self.left + x * self.scale, self.base - y * self.scale)
-    }
-}
-
-impl OutlineBuilder for Letters {
-    fn move_to(&mut self, x: f32, y: f32) {
-        let (x, y) = self.at(x, y);
-        self.path.move_to(x, y);
-    }
-    fn line_to(&mut self, x: f32, y: f32) {
-        let (x, y) = self.at(x, y);
-        self.path.line_to(x, y);
-    }
-    fn quad_to(&mut self, x1: f32, y1: f32, x: f32, y: f32) {
-        let ((x1, y1), (x, y)) = (self.at(x1, y1), self.at(x, y));
-        self.path.quad_to(x1, y1, x, y);
-    }
-    fn curve_to(&mut self, x1: f32, y1: f32, x2: f32, y2: f32, x: f32, y: f32) {
-        let ((x1, y1), (x2, y2), (x, y)) = (self.at(x1, y1), self.at(x2, y2), self.at(x, y));
-        self.path.cubic_to(x1, y1, x2, y2, x, y);
-    }
-    fn close(&mut self) {
-        self.path.close();
-    }
-}
-
-fn letters(font: &Face<'_>, text: &str, [x, y]: At, size: f64) -> Option<Path> {
-    let scale = size as f32 / f32::from(font.units_per_em());
-    let mut letters = Letters { path: PathBuilder::new(), left: x as f32, base: y as f32, scale };
+/// Returns the outlines of a text from a point on its base line to the right.
+fn letters(text: &str, [x, y]: At, size: f64) -> Option<Path> {
+    let scale = size as f32 / f32::from(UNITS_PER_EM);
+    let (mut left, base) = (x as f32, y as f32);
+    let mut path = PathBuilder::new();
     for c in text.chars() {
-        let glyph = font.glyph_index(c).unwrap_or_default();
-        font.outline_glyph(glyph, &mut letters);
-        letters.left += advance(font, c) as f32 * scale;
+        let letter = letter(c);
+        let on_page = |[x, y]: [f32; 2]| (left + x * scale, base - y * scale);
+        for piece in &letter.outline {
+            match *piece {
+                Piece::Begin(point) => {
+                    path.close();
+                    let (x, y) = on_page(point);
+                    path.move_to(x, y);
+                }
+                Piece::Line(point) => {
+                    let (x, y) = on_page(point);
+                    path.line_to(x, y);
+                }
+                Piece::Curve(control, end) => {
+                    let ((x1, y1), (x, y)) = (on_page(control), on_page(end));
+                    path.quad_to(x1, y1, x, y);
+                }
+            }
+        }
+        left += f32::from(letter.advance) * scale;
     }
-    letters.path.finish()
+    path.close();
+    path.finish()
 }
 
 /// Writes a picture as PNG, with its resolution and how it was made.
@@ -191,19 +162,13 @@ pub fn png(picture: &Picture, dpi: u32, pixmap: &Pixmap, out: impl Write) -> io:
 mod tests {
     use super::*;
 
-    /// The letters of names and units are in the font.
     #[test]
-    fn the_font_has_the_letters_that_titles_use() {
-        let font = font();
-        for c in ('!'..='~').chain("°µ×–…−äéñøß≤≥λπ→\u{fffd}".chars()) {
-            let glyph = font.glyph_index(c).unwrap_or_else(|| panic!("{c} is not in the font"));
-            assert_ne!(glyph.0, 0, "{c}");
-        }
+    fn texts_have_a_width_and_an_outline() {
         assert!(text_width("MM", 7.0) > text_width("ii", 7.0));
         assert_eq!(text_width("", 7.0), 0.0);
-        assert!(
-            letters(&font, "a \u{1f600}", [0.0, 0.0], 7.0).is_some(),
-            "unknown letters are drawn as a box"
-        );
+        let bounds = letters("Ho", [3.0, 9.0], 7.0).unwrap().bounds();
+        assert!(bounds.left() > 3.0 && bounds.right() < 3.0 + text_width("Ho", 7.0) as f32);
+        assert!(bounds.top() > 2.0 && bounds.bottom() > 9.0, "o reaches below the base line");
+        assert!(letters(" ", [0.0, 0.0], 7.0).is_none());
     }
 }
