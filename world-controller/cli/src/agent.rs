@@ -1,7 +1,7 @@
 //! The command `agent`: one agent process, started by `run`.
 
 use clap::Args;
-use metamorph_console::command::{CommandOf, Group};
+use metamorph_console::command::CommandOf;
 use metamorph_processes::family;
 use std::ffi::OsString;
 

@@ -1,6 +1,5 @@
 //! The command `diff`.
 
-use clap::Args;
 use metamorph_console::command::{CommandOf, Group};
 use metamorph_experiments::diff::{DiffArgs, diff};
 

@@ -4,7 +4,7 @@ use metamorph_console::command::{CommandOf, Group};
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::{OutputError, Outputs};
 use metamorph_console::terminal::print_out;
-use metamorph_processes::family::{self, Recorded, recorded};
+use metamorph_processes::family::{self, Recorded, families, recorded};
 use metamorph_processes::record::journal::JournalFailure;
 use metamorph_processes::record::journal::ReadError;
 use metamorph_scene::figure::snapshot::Playback;

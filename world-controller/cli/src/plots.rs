@@ -1,6 +1,6 @@
 //! Plots of `render`: of the directory of a sweep, or of a report.
 
-use super::figures::RenderArgs;
+use crate::render::RenderArgs;
 use clap::ValueEnum;
 use maud::Markup;
 use metamorph_console::output::{OutputError, Outputs};
