@@ -1,13 +1,9 @@
-//! Simulated worlds, the simulated network, and the directors of the world-controller.
+//! Simulated worlds and the directors of the world-controller, by family: `cube`, `metamodule` and `free_module`.
 //!
-//! `kernel` drives agents in virtual time. `world` and `director` hold what the worlds and directors of all
-//! families have in common; `cube`, `metamodule` and
-//! `free_module` those of one family each.
+//! All families have `kernel`, `world` and `director` in common, which are a crate of their own and keep their paths here.
 
 pub mod cube;
-pub mod director;
 pub mod free_module;
-pub mod kernel;
 pub mod metamodule;
-pub mod testing;
-pub mod world;
+
+pub use metamorph_kernel::{director, kernel, testing, world};

@@ -39,24 +39,25 @@ fn allowed() -> BTreeMap<&'static str, Vec<&'static str>> {
             ],
         ),
         ("metamorph-physics", vec!["metamorph-protocol"]),
-        ("metamorph-sim-bridge", vec!["metamorph-protocol", "metamorph-physics"]),
+        ("metamorph-kernel", vec!["metamorph-core"]),
+        ("metamorph-sim-bridge", vec!["metamorph-protocol", "metamorph-kernel", "metamorph-physics"]),
         ("metamorph-module-agent", vec!["metamorph-protocol"]),
         ("metamorph-text", vec![]),
-        ("metamorph-console", vec!["metamorph-sim-bridge", "metamorph-module-agent", "metamorph-text"]),
-        ("metamorph-shapes", vec!["metamorph-protocol", "metamorph-text"]),
+        ("metamorph-console", vec!["metamorph-kernel", "metamorph-module-agent", "metamorph-text"]),
+        ("metamorph-shapes", vec!["metamorph-core", "metamorph-pairing", "metamorph-text"]),
         (
             "metamorph-scenario",
-            vec!["metamorph-protocol", "metamorph-sim-bridge", "metamorph-text", "metamorph-shapes"],
+            vec!["metamorph-core", "metamorph-kernel", "metamorph-text", "metamorph-shapes"],
         ),
         (
             "metamorph-report",
-            vec!["metamorph-protocol", "metamorph-sim-bridge", "metamorph-text", "metamorph-scenario"],
+            vec!["metamorph-core", "metamorph-kernel", "metamorph-text", "metamorph-scenario"],
         ),
         (
             "metamorph-scene",
             vec![
-                "metamorph-protocol",
-                "metamorph-sim-bridge",
+                "metamorph-core",
+                "metamorph-kernel",
                 "metamorph-text",
                 "metamorph-scenario",
                 "metamorph-report",
@@ -415,14 +416,15 @@ const LAYERS: &[(&str, &[&str])] = &[
     (
         "protocol/core",
         &[
-            "ids", "time", "ratio", "rng", "digest", "coverage", "defects", "lattice", "shape", "goal",
+            "names", "ids", "time", "ratio", "rng", "digest", "coverage", "defects", "lattice", "shape", "goal",
             "counters", "wire", "link", "agent", "runtime", "record", "host",
         ],
     ),
     ("protocol/planning", &["plan", "assembly", "manipulation", "reconfiguration"]),
     ("protocol/agents", &["on_grid", "free_module", "metamodule"]),
     ("sim-bridge/physics", &["hull", "floor", "work", "absent", "rapier", "rapier_tests"]),
-    ("sim-bridge", &["world", "director", "kernel", "cube", "metamodule", "free_module", "testing"]),
+    ("sim-bridge/kernel", &["world", "director", "kernel", "testing"]),
+    ("sim-bridge", &["cube", "metamodule", "free_module"]),
     (
         "module-agent",
         &[

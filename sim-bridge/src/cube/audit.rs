@@ -4,9 +4,9 @@ use crate::cube::invariants::{
     self, FIELD_LOOP_FREE, FINAL_GROWS, MOVER_HAS_NO_DEPENDANTS, MOVES_ALONE, PARENT_DESCENDS, RESERVED_ONCE,
 };
 use crate::cube::world::CubeWorld;
-use crate::kernel::audited::{Agents, Audited};
-use crate::world::World;
-use crate::world::invariants::{Invariant, MOVE_WITHIN_LEASE, Violation, move_within_lease};
+use metamorph_kernel::kernel::audited::{Agents, Audited};
+use metamorph_kernel::world::World;
+use metamorph_kernel::world::invariants::{Invariant, MOVE_WITHIN_LEASE, Violation, move_within_lease};
 use metamorph_protocol::cube::epoch::Epoch;
 use metamorph_protocol::cube::message::{Rank, Role};
 use metamorph_protocol::cube::params::Connectivity;

@@ -2,9 +2,9 @@
 //! audits of the built-in protocol. Space, support and connection are checked as ever.
 
 use crate::cube::world::CubeWorld;
-use crate::kernel::audited::{Agents, Audited};
-use crate::world::World;
-use crate::world::invariants::{Invariant, Violation};
+use metamorph_kernel::kernel::audited::{Agents, Audited};
+use metamorph_kernel::world::World;
+use metamorph_kernel::world::invariants::{Invariant, Violation};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::cube::body::{Move, Percept};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};

@@ -5,9 +5,9 @@ use crate::cube::reachability::{ModuleSnapshot, StandstillSnapshot, motions};
 use crate::cube::reasons::{HEARS_OF_NO_TARGET, HOLDS_DEAD, IMMOBILE, PINNED, UNATTACHED};
 use crate::cube::registrar::Registrar;
 use crate::cube::world::CubeWorld;
-use crate::director::outcome::{Stall, Waiter};
-use crate::director::reason::Why;
-use crate::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_ACTIVE_TARGET, NO_WAY};
+use metamorph_kernel::director::outcome::{Stall, Waiter};
+use metamorph_kernel::director::reason::Why;
+use metamorph_kernel::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_ACTIVE_TARGET, NO_WAY};
 use metamorph_protocol::cube::control::Status;
 use metamorph_protocol::cube::epoch::Epoch;
 use metamorph_protocol::cube::message::Role;
@@ -300,7 +300,7 @@ fn surface(
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::director::reason::Reason;
+    use metamorph_kernel::director::reason::Reason;
     use metamorph_protocol::goal::Growth;
     use metamorph_protocol::lattice::Face;
     use metamorph_protocol::time::Span;

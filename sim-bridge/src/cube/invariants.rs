@@ -1,7 +1,7 @@
 //! Invariants of all runs of cubes, besides those of all runs. Sources: protocol specification, invariants I1
 //! to I8; thesis 4.1.2 for connectivity.
 
-use crate::world::invariants::Invariant;
+use metamorph_kernel::world::invariants::Invariant;
 use metamorph_protocol::cube::message::Rank;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Face;
@@ -110,8 +110,8 @@ pub fn reserved_once(reservations: &[(Face, ModuleId)]) -> Result<(), String> {
 mod tests {
     use super::*;
     use crate::cube::world::CubeWorld;
-    use crate::world::World;
-    use crate::world::invariants::ONE_MODULE_PER_CELL;
+    use metamorph_kernel::world::World;
+    use metamorph_kernel::world::invariants::ONE_MODULE_PER_CELL;
     use metamorph_protocol::cube::body::Move;
     use metamorph_protocol::ids::Revision;
     use metamorph_protocol::lattice::{Cell, Motion, MotionKind};

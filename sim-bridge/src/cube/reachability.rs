@@ -8,7 +8,7 @@
 //! Simultaneous moves are covered by moves one after the other: each needs the body connected without all
 //! movers. A plan within the rules of the protocol can be carried out by calls ([`plan`]).
 
-use crate::director::proof::{Found, RuleSet};
+use metamorph_kernel::director::proof::{Found, RuleSet};
 use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap, VecDeque};

@@ -1,6 +1,6 @@
 //! Reasons for a standstill of cubes.
 
-use crate::director::reason::{Excuse, Reason, Why};
+use metamorph_kernel::director::reason::{Excuse, Reason, Why};
 
 /// Every spare module that could walk holds a dead or stuck one and must stay, or waits for one that does.
 /// Holding on to a broken module keeps it from falling off.

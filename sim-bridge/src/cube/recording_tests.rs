@@ -1,9 +1,9 @@
 //! Recording wrappers around a world of cubes and a director: what of a run is written down, and in which order.
 
 use super::world::CubeWorld;
-use crate::director::port::DirectorPort;
-use crate::kernel::recording::{Log, RecordedDirector, RecordedWorld};
-use crate::world::World;
+use metamorph_kernel::director::port::DirectorPort;
+use metamorph_kernel::kernel::recording::{Log, RecordedDirector, RecordedWorld};
+use metamorph_kernel::world::World;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::cube::body::Move;

@@ -6,7 +6,7 @@
 //! swarms too. But a plan may leave cells unfilled although they could be filled in another order.
 
 use crate::cube::reachability::{PlannedMove, StandstillSnapshot, are_together, motions};
-use crate::world::grid::{Grid, Occupant};
+use metamorph_kernel::world::grid::{Grid, Occupant};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};

@@ -8,11 +8,11 @@ mod safety;
 
 use crate::cube::audit::AuditKey;
 use crate::cube::custody_audit::Announced;
-use crate::world::World;
-use crate::world::body_queue::{BodyQueue, Ports};
-use crate::world::grid::{Grid, Occupant};
-use crate::world::invariants::ONE_MODULE_PER_CELL;
-use crate::world::invariants::Violation;
+use metamorph_kernel::world::World;
+use metamorph_kernel::world::body_queue::{BodyQueue, Ports};
+use metamorph_kernel::world::grid::{Grid, Occupant};
+use metamorph_kernel::world::invariants::ONE_MODULE_PER_CELL;
+use metamorph_kernel::world::invariants::Violation;
 use metamorph_protocol::cube::Cube;
 use metamorph_protocol::cube::body::{Move, Percept, Refusal};
 use metamorph_protocol::digest::Portable;

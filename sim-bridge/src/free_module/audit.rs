@@ -1,7 +1,7 @@
 //! What always holds for rigid bodies, and what a broken engine or an impossible command would violate.
 
 use super::physics::{HEMISPHERES, NO_LOAD, Physics, TICK};
-use crate::world::invariants::Invariant;
+use metamorph_kernel::world::invariants::Invariant;
 use metamorph_protocol::free_module::structure::{JOINTS, Joint, Structure};
 
 /// Poses are finite numbers.

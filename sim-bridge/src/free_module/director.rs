@@ -2,8 +2,8 @@
 //! which modules are dead.
 
 use super::members::Members;
-use crate::director::port::DirectorPort;
-use crate::world::World;
+use metamorph_kernel::director::port::DirectorPort;
+use metamorph_kernel::world::World;
 use metamorph_protocol::free_module::gait::FreeModule;
 use metamorph_protocol::free_module::gait::body::Status;
 use metamorph_protocol::free_module::gait::message::{Gait, Order, Parameters};

@@ -1,7 +1,7 @@
 //! A structure whose connections hold for the whole run, without bodies: agents are in contact and nothing moves.
 
-use crate::kernel::audited::Audited;
-use crate::world::World;
+use metamorph_kernel::kernel::audited::Audited;
+use metamorph_kernel::world::World;
 use metamorph_protocol::free_module::gait::FreeModule;
 use metamorph_protocol::free_module::gait::body::{Place, Pose};
 use metamorph_protocol::free_module::gait::message::{Docking, Follow};

@@ -2,7 +2,7 @@
 
 use super::director::GaitDirector;
 use super::structure_world::StructureWorld;
-use crate::kernel::sim::{Sim, SimConfig};
+use metamorph_kernel::kernel::sim::{Sim, SimConfig};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::free_module::gait::message::Parameters;
 use metamorph_protocol::free_module::gait::{Setup, StartPhases};

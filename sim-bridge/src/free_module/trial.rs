@@ -5,7 +5,7 @@ use super::physics::{Down, Physics, PhysicsError};
 use super::physics_world::PhysicsWorld;
 use super::rapier::Bodies;
 use super::walking::goal::along;
-use crate::kernel::sim::{Sim, SimConfig};
+use metamorph_kernel::kernel::sim::{Sim, SimConfig};
 use metamorph_protocol::free_module::gait::Setup;
 use metamorph_protocol::free_module::gait::message::Parameters;
 use metamorph_protocol::free_module::network::NetworkKind;

@@ -16,12 +16,12 @@ mod relocation;
 mod rules;
 mod view;
 
-use crate::director::faults::{Fault, FaultRecord, Schedule};
-use crate::director::monitor::{RunMonitor, Standing};
-use crate::director::operator::{Habits, Level, Operator};
-use crate::director::outcome::Outcome;
-use crate::director::port::DirectorPort;
-use crate::director::progress::{Progress, Stage, Stop};
+use metamorph_kernel::director::faults::{Fault, FaultRecord, Schedule};
+use metamorph_kernel::director::monitor::{RunMonitor, Standing};
+use metamorph_kernel::director::operator::{Habits, Level, Operator};
+use metamorph_kernel::director::outcome::Outcome;
+use metamorph_kernel::director::port::DirectorPort;
+use metamorph_kernel::director::progress::{Progress, Stage, Stop};
 use crate::metamodule::faults::{COMMANDS, DROP, OBSTACLE, OBSTACLE_GONE};
 use crate::metamodule::relocation::Shift;
 use crate::metamodule::world::MetamoduleWorld;

@@ -1,6 +1,6 @@
 //! Faults of the world of metamodules, and commands that change their goal or how they decide.
 
-use crate::director::faults::{Form, WorldFault};
+use metamorph_kernel::director::faults::{Form, WorldFault};
 use metamorph_protocol::metamodule::blueprint::SeedOrder;
 
 /// A foreign object comes into a cell.

@@ -1,6 +1,6 @@
 //! Invariants of all runs of metamodules, besides those of all runs.
 
-use crate::world::invariants::Invariant;
+use metamorph_kernel::world::invariants::Invariant;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{ModuleId, Port};
 use metamorph_protocol::lattice::Cell;

@@ -1,6 +1,6 @@
 //! Reasons for a standstill of metamodules.
 
-use crate::director::reason::{Excuse, Proves, Reason, Why};
+use metamorph_kernel::director::reason::{Excuse, Proves, Reason, Why};
 
 /// An operator has given up the goal, and no other one was to come.
 pub const GOAL_GIVEN_UP: Reason = Reason::new(

@@ -12,10 +12,10 @@ mod elements;
 mod safety;
 
 use crate::metamodule::invariants::{LINK_FOR_EACH_IN_RANGE, link_for_each_in_range};
-use crate::world::World;
-use crate::world::body_queue::{BodyQueue, Ports};
-use crate::world::grid::{Grid, Occupant};
-use crate::world::invariants::Violation;
+use metamorph_kernel::world::World;
+use metamorph_kernel::world::body_queue::{BodyQueue, Ports};
+use metamorph_kernel::world::grid::{Grid, Occupant};
+use metamorph_kernel::world::invariants::Violation;
 use elements::ElementBody;
 
 pub use counts::ActionCounts;
@@ -409,7 +409,7 @@ impl World for MetamoduleWorld {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::world::invariants::ONE_MODULE_PER_CELL;
+    use metamorph_kernel::world::invariants::ONE_MODULE_PER_CELL;
     use metamorph_protocol::metamodule::blueprint::{Blueprint, SeedOrder, box_of_four};
     use metamorph_protocol::metamodule::elements::Elements;
     use metamorph_protocol::metamodule::motions::Motions;

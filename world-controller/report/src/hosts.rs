@@ -1,9 +1,9 @@
 //! The part of the report about hosts: which there were, and what crossed from one to another.
 
-use metamorph_protocol::ids::HostId;
-use metamorph_protocol::link::Hosts;
+use metamorph_core::ids::HostId;
+use metamorph_core::link::Hosts;
 use metamorph_scenario::Plan;
-use metamorph_sim_bridge::kernel::sim::{Crossed, Crossings};
+use metamorph_kernel::kernel::sim::{Crossed, Crossings};
 use metamorph_text::format::{bytes, count, many, whole_percent};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -99,7 +99,7 @@ fn host(hosts: &Hosts, host: HostId) -> HostReport {
 }
 
 fn crossed((from, to): (HostId, HostId), crossed: &Crossed) -> CrossedReport {
-    let counts = |c: &metamorph_protocol::counters::Counts| CrossedCounts {
+    let counts = |c: &metamorph_core::counters::Counts| CrossedCounts {
         sent: c.sent,
         lost: c.lost,
         duplicated: c.duplicated,

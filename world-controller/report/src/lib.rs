@@ -21,15 +21,15 @@ pub use human::{human, progress};
 
 use crate::run_result::RunResult;
 use hosts::HostsReport;
-use metamorph_protocol::counters::Class;
-use metamorph_protocol::counters::{Counts, Tally};
-use metamorph_protocol::time::{Span, Time};
+use metamorph_core::counters::Class;
+use metamorph_core::counters::{Counts, Tally};
+use metamorph_core::time::{Span, Time};
 use metamorph_scenario::family::Words;
 use metamorph_scenario::{LinkChange, Plan};
-use metamorph_sim_bridge::director::faults::{FaultRecord, Origin};
-use metamorph_sim_bridge::director::outcome::{Outcome, Stall};
-use metamorph_sim_bridge::kernel::sim::{ControlCounts, Crossings};
-use metamorph_sim_bridge::world::invariants::Violation;
+use metamorph_kernel::director::faults::{FaultRecord, Origin};
+use metamorph_kernel::director::outcome::{Outcome, Stall};
+use metamorph_kernel::kernel::sim::{ControlCounts, Crossings};
+use metamorph_kernel::world::invariants::Violation;
 use metamorph_text::format::{count, digits, many};
 use prospect::{Possible, Prospect};
 use schema::{

@@ -1,9 +1,9 @@
 //! Message counts over time: who sent how many to whom in each bin of a run, and the last messages of each
 //! module. Bounded: when a long run has too many bins, pairs of bins are merged.
 
-use metamorph_protocol::counters::Class;
-use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::time::{Span, Time};
+use metamorph_core::counters::Class;
+use metamorph_core::ids::ModuleId;
+use metamorph_core::time::{Span, Time};
 use serde::Serialize;
 use std::collections::HashMap;
 use std::fmt;

@@ -1,8 +1,8 @@
 //! What an operator cost, as a section of the report.
 
-use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::operator::Operator;
-use metamorph_sim_bridge::director::team::Measures;
+use metamorph_core::time::{Span, Time};
+use metamorph_kernel::director::operator::Operator;
+use metamorph_kernel::director::team::Measures;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -4,9 +4,9 @@
 //! by a search, which ends with a proof, with a plan, or at its bound.
 
 use crate::run_result::Question;
-use metamorph_sim_bridge::director::outcome::Stall;
-use metamorph_sim_bridge::director::proof::RuleSet;
-use metamorph_sim_bridge::director::reason::Proves;
+use metamorph_kernel::director::outcome::Stall;
+use metamorph_kernel::director::proof::RuleSet;
+use metamorph_kernel::director::reason::Proves;
 
 /// The result for one standstill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

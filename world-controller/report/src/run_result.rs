@@ -4,11 +4,11 @@ use crate::family_part::FamilyPart;
 use crate::operator::OperatorReport;
 use crate::prospect::Prospect;
 use crate::schema::{MoveReport, StageReport};
-use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::director::faults::FaultRecord;
-use metamorph_sim_bridge::director::outcome::{Outcome, Stall};
-use metamorph_sim_bridge::director::progress::Progress;
-use metamorph_sim_bridge::director::proof::{Found, RuleSet};
+use metamorph_core::time::Time;
+use metamorph_kernel::director::faults::FaultRecord;
+use metamorph_kernel::director::outcome::{Outcome, Stall};
+use metamorph_kernel::director::progress::Progress;
+use metamorph_kernel::director::proof::{Found, RuleSet};
 
 /// A standstill as a search problem: what could still have been done?
 pub trait Question {

@@ -18,9 +18,9 @@
 //!
 //! Impairments that end (`until`) are not counted: a bound starts to run when they have ended.
 
-use metamorph_protocol::link::LinkModel;
-use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::time::Span;
+use metamorph_core::link::LinkModel;
+use metamorph_core::ratio::Ratio;
+use metamorph_core::time::Span;
 
 /// A bound is too short in at most one of this many standstills.
 const ONCE_IN: u64 = 1_000_000;
@@ -125,7 +125,7 @@ fn log_inverse(n: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metamorph_protocol::rng::Rng;
+    use metamorph_core::rng::Rng;
 
     const USUAL: Span = Span::millis(100);
 

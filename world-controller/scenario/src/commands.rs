@@ -7,9 +7,9 @@ use super::family::ScenarioFamily;
 use super::fault_plan::Bounds;
 use super::schema::{Definitions, of, or, said, table};
 use super::table::{Node, Read, Section, elements};
-use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::commands::{Commands, MOST_COMMANDS};
-use metamorph_sim_bridge::director::faults::{Fault, Origin, Scheduled, WorldFault};
+use metamorph_core::time::{Span, Time};
+use metamorph_kernel::director::commands::{Commands, MOST_COMMANDS};
+use metamorph_kernel::director::faults::{Fault, Origin, Scheduled, WorldFault};
 use serde_json::json;
 use std::fmt::Write;
 

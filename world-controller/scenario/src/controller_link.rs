@@ -5,9 +5,9 @@ use super::diagnostics::{At, Diagnostics, Place};
 use super::error::{LONGEST, ScenarioError};
 use super::schema::{Definitions, of, said, table};
 use super::table::{Delay, Node, Section};
-use metamorph_protocol::link::ControllerLink;
-use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::time::Span;
+use metamorph_core::link::ControllerLink;
+use metamorph_core::ratio::Ratio;
+use metamorph_core::time::Span;
 use serde_json::json;
 
 /// `[link.controller]` as written.

@@ -5,11 +5,11 @@
 
 use super::hosts::HostsProblem;
 use super::settings::KeyError;
-use metamorph_protocol::goal::GoalError;
-use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::ratio::RatioError;
-use metamorph_protocol::shape::ShapeError;
-use metamorph_protocol::time::{Span, SpanError};
+use metamorph_core::goal::GoalError;
+use metamorph_core::lattice::Cell;
+use metamorph_core::ratio::RatioError;
+use metamorph_core::shape::ShapeError;
+use metamorph_core::time::{Span, SpanError};
 use metamorph_shapes::error::SolidError;
 use metamorph_text::escape::Shown;
 use thiserror::Error;

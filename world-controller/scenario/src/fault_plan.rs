@@ -6,11 +6,11 @@ use super::family::Swarm;
 use super::faults::{Amount, RawFault, Verb};
 use super::hosts;
 use super::table::Window;
-use metamorph_protocol::ids::{HostId, ModuleId};
-use metamorph_protocol::link::{Hosts, Partition};
-use metamorph_protocol::rng::Rng;
-use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::faults::{Fault, Schedule, Scheduled};
+use metamorph_core::ids::{HostId, ModuleId};
+use metamorph_core::link::{Hosts, Partition};
+use metamorph_core::rng::Rng;
+use metamorph_core::time::{Span, Time};
+use metamorph_kernel::director::faults::{Fault, Schedule, Scheduled};
 
 /// The properties of the run that faults are checked against.
 pub struct Bounds<'h> {

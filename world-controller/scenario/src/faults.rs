@@ -6,10 +6,10 @@ use super::family::{ScenarioFamily, SectionKind, WorldFaultKind, fault_keys};
 use super::hosts::{self, Pair};
 use super::schema::{Definitions, fault, for_good, natural, of, or, said, table};
 use super::table::{Node, Read, Section, Window, elements, span, span_range};
-use metamorph_protocol::ids::HostId;
-use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::time::Span;
-use metamorph_sim_bridge::director::faults::{Target, WorldFault};
+use metamorph_core::ids::HostId;
+use metamorph_core::ratio::Ratio;
+use metamorph_core::time::Span;
+use metamorph_kernel::director::faults::{Target, WorldFault};
 use serde_json::json;
 
 /// A fault that hits named modules.

@@ -1,8 +1,8 @@
 //! The description of the hosts of a plan, for `metamorph check`.
 
 use super::Plan;
-use metamorph_protocol::ids::HostId;
-use metamorph_protocol::link::{Hosts, LinkModel};
+use metamorph_core::ids::HostId;
+use metamorph_core::link::{Hosts, LinkModel};
 use metamorph_text::format::{many, whole_percent};
 use std::fmt::{Result, Write};
 
@@ -63,7 +63,7 @@ fn dots(len: usize) -> &'static str {
 fn clock(hosts: &Hosts, host: HostId) -> Option<String> {
     let offset = hosts.clock(host).0;
     let side = if offset > 0 { "ahead" } else { "behind" };
-    let by = metamorph_protocol::time::Span(offset.unsigned_abs());
+    let by = metamorph_core::time::Span(offset.unsigned_abs());
     (offset != 0).then(|| format!("{host} {by} {side}"))
 }
 

@@ -4,9 +4,9 @@ use super::diagnostics::{At, Diagnostics, Place};
 use super::error::{LONGEST, ScenarioError};
 use super::schema::{Definitions, names, of, or, said, table};
 use super::table::{Delay, Node, Section};
-use metamorph_protocol::time::Span;
-use metamorph_sim_bridge::director::operator::{Choice, Habits, Level};
-use metamorph_sim_bridge::director::steering::LONGEST_LEASE;
+use metamorph_core::time::Span;
+use metamorph_kernel::director::operator::{Choice, Habits, Level};
+use metamorph_kernel::director::steering::LONGEST_LEASE;
 use serde_json::json;
 
 /// The kinds of operators, and whether one is scripted. People come by the page, so that a scenario has only their level.

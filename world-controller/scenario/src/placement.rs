@@ -1,7 +1,7 @@
 //! Homes by a cut of the contacts at the start: recursive bisection, so that few messages cross between hosts. Deterministic
 //! on every machine. Not here: how many modules each host gets.
 
-use metamorph_protocol::ids::{HostId, ModuleId};
+use metamorph_core::ids::{HostId, ModuleId};
 use std::collections::{BTreeSet, VecDeque};
 use std::ops::Range;
 

@@ -10,11 +10,11 @@ use super::fault_plan::{self, Bounds, HostCut, Planned};
 use super::raw::{Raw, default_delay};
 use super::table::Delay;
 use super::{LinkKind, Overrides, Plan, StagePlan};
-use metamorph_protocol::ids::HostId;
-use metamorph_protocol::link::{ControllerLink, Hosts, LinkModel, Partition};
-use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::time::{Span, Time};
-use metamorph_sim_bridge::director::progress::Stop;
+use metamorph_core::ids::HostId;
+use metamorph_core::link::{ControllerLink, Hosts, LinkModel, Partition};
+use metamorph_core::ratio::Ratio;
+use metamorph_core::time::{Span, Time};
+use metamorph_kernel::director::progress::Stop;
 use metamorph_text::format::{count, listed};
 use std::sync::Arc;
 

@@ -1,9 +1,9 @@
 //! The description of a plan, for `metamorph check`.
 
 use crate::{LinkKind, Plan, hosts_summary};
-use metamorph_protocol::link::{ControllerLink, LinkModel};
-use metamorph_protocol::time::Time;
-use metamorph_sim_bridge::director::faults::{Origin, Scheduled};
+use metamorph_core::link::{ControllerLink, LinkModel};
+use metamorph_core::time::Time;
+use metamorph_kernel::director::faults::{Origin, Scheduled};
 use metamorph_text::escape::Shown;
 use metamorph_text::format::{count, many};
 use std::fmt::Write;

@@ -10,9 +10,9 @@ use super::hosts::RawHosts;
 use super::operator::RawOperator;
 use super::table::{Delay, Node, Section, delay, elements};
 use super::{LinkKind, Overrides};
-use metamorph_protocol::link::LinkModel;
-use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::time::{Span, Time};
+use metamorph_core::link::LinkModel;
+use metamorph_core::ratio::Ratio;
+use metamorph_core::time::{Span, Time};
 use toml::de::DeTable;
 
 /// A link as written.

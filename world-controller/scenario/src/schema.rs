@@ -18,7 +18,7 @@ use super::plan::{NEVER, TIME_SCALE};
 use super::raw::SEED;
 use super::shapes::{AXES, PARTS, THIN, UPS, VOIDS};
 use super::table::default_of;
-use metamorph_protocol::lattice::Cell;
+use metamorph_core::lattice::Cell;
 use serde_json::{Map, Value, json};
 
 /// Returns the schema of scenarios that may name these families.

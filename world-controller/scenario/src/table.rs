@@ -4,9 +4,9 @@
 use super::diagnostics::{At, Diagnostics, Place};
 use super::error::ScenarioError;
 use super::family::SectionKind;
-use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::ratio::Ratio;
-use metamorph_protocol::time::{Span, SpanError};
+use metamorph_core::lattice::Cell;
+use metamorph_core::ratio::Ratio;
+use metamorph_core::time::{Span, SpanError};
 use std::collections::BTreeSet;
 use toml::Spanned;
 use toml::de::{DeArray, DeTable, DeValue};

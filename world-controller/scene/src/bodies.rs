@@ -3,9 +3,9 @@
 use super::parts::Part;
 use super::shared::Shared;
 use super::visible::{Stage, Words};
-use metamorph_protocol::record::Blob;
-use metamorph_protocol::time::Span;
-use metamorph_sim_bridge::kernel::recording::Log;
+use metamorph_core::record::Blob;
+use metamorph_core::time::Span;
+use metamorph_kernel::kernel::recording::Log;
 
 /// A swarm to be shown, of any family.
 pub trait ShownSwarm {

@@ -2,7 +2,7 @@
 
 use metamorph_scenario::Plan;
 use metamorph_scenario::family::ScenarioFamily;
-use metamorph_sim_bridge::director::faults::{Form, WorldFault};
+use metamorph_kernel::director::faults::{Form, WorldFault};
 use serde::Serialize;
 
 /// A parameter of a command. The page writes it as the command's text has it.

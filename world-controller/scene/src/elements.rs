@@ -1,7 +1,7 @@
 //! The passive elements of a scene: where they are, and who holds them.
 
-use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::lattice::Cell;
+use metamorph_core::ids::ModuleId;
+use metamorph_core::lattice::Cell;
 use serde::Serialize;
 use std::collections::BTreeSet;
 

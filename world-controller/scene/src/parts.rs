@@ -6,8 +6,8 @@
 //! A motion consists of slides and turns about fixed axes; [`Motion::carry`] computes any moment of it. The
 //! page computes frames by itself, so it gets the motion and not its frames.
 
-use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::time::Span;
+use metamorph_core::lattice::Cell;
+use metamorph_core::time::Span;
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use serde::Serialize;
 use serde_json::{Value, json};

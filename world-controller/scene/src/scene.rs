@@ -8,9 +8,9 @@ use super::bodies::ShownSwarm;
 use super::elements::{ElementView, Elements};
 use super::parts::Motion;
 use super::visible::{ActionOutcome, FILLS, GoalView, ModuleView, Targets};
-use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::time::{Span, Time};
+use metamorph_core::ids::ModuleId;
+use metamorph_core::lattice::Cell;
+use metamorph_core::time::{Span, Time};
 use metamorph_report::message_timeline::{Bin, Flow};
 use metamorph_report::schema::Report;
 use metamorph_scenario::LinkChange;
@@ -458,9 +458,9 @@ mod tests {
     use crate::parts::Part;
     use crate::shared::Shared;
     use crate::visible::{Colour, Role, Stage, Words};
-    use metamorph_protocol::link::Partition;
-    use metamorph_protocol::record::Blob;
-    use metamorph_sim_bridge::kernel::recording::Log;
+    use metamorph_core::link::Partition;
+    use metamorph_core::record::Blob;
+    use metamorph_kernel::kernel::recording::Log;
 
     /// Bodies without parts.
     struct Bodiless(usize);

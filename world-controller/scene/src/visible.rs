@@ -1,9 +1,9 @@
 //! The vocabulary of pictures: states, roles, words, goals and the floor of a family. Families implement the trait `Visible`
 //! of `metamorph_families` with it.
 
-use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::time::Span;
+use metamorph_core::ids::ModuleId;
+use metamorph_core::lattice::Cell;
+use metamorph_core::time::Span;
 use serde::Serialize;
 
 /// The state that a module reports.

@@ -1,12 +1,12 @@
 //! What the pairing says of a drawing: modules, cells left over, reasons, repairs, splits. The command `shape --modules`
 //! and the studio give the same answer.
 
-use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::pairing::pins::{Pin, WithoutPins};
-use metamorph_protocol::pairing::reason::Reason;
-use metamorph_protocol::pairing::repair::{Allowed, Repair};
-use metamorph_protocol::pairing::split::{Footing, MAX_SPLIT, NoSplit, Split};
-use metamorph_protocol::pairing::{Colours, Going, Pairing};
+use metamorph_core::lattice::Cell;
+use metamorph_pairing::pins::{Pin, WithoutPins};
+use metamorph_pairing::reason::Reason;
+use metamorph_pairing::repair::{Allowed, Repair};
+use metamorph_pairing::split::{Footing, MAX_SPLIT, NoSplit, Split};
+use metamorph_pairing::{Colours, Going, Pairing};
 use metamorph_text::format::{count, many};
 use serde::Serialize;
 

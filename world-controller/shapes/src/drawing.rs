@@ -1,9 +1,9 @@
 //! Drawings: the cells of a structure as a TOML file, which shapes of scenarios may name, and the pins of its modules.
 
 use super::error::SolidError;
-use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::pairing::PairingError;
-use metamorph_protocol::pairing::pins::{self, Pin};
+use metamorph_core::lattice::Cell;
+use metamorph_pairing::PairingError;
+use metamorph_pairing::pins::{self, Pin};
 use serde::Deserialize;
 use std::collections::BTreeSet;
 use toml::Spanned;

@@ -3,7 +3,7 @@
 //! One variant per reason; the text is the reason with its place in the file, [`SolidError::fix`] says what
 //! to do. Triangles are numbered from 1.
 
-use metamorph_protocol::lattice::Cell;
+use metamorph_core::lattice::Cell;
 use thiserror::Error;
 
 /// Bytes of a shape file at most: two million triangles in a binary STL.

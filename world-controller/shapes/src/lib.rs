@@ -21,8 +21,8 @@ mod voxel;
 
 use drawing::Drawing;
 use error::{MAX_BOX, MAX_BYTES, SolidError};
-use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::pairing::pins::Pin;
+use metamorph_core::lattice::Cell;
+use metamorph_pairing::pins::Pin;
 use metamorph_text::escape::Shown;
 use metamorph_text::sources::Sources;
 use std::collections::BTreeSet;

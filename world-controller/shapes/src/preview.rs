@@ -1,9 +1,9 @@
 //! Shows cells to people: as layers of text, as a drawing, and as a scenario that builds them.
 
 use super::printability::corners;
-use metamorph_protocol::goal::Growth;
-use metamorph_protocol::lattice::{Cell, Face};
-use metamorph_protocol::shape::Shape;
+use metamorph_core::goal::Growth;
+use metamorph_core::lattice::{Cell, Face};
+use metamorph_core::shape::Shape;
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
@@ -174,7 +174,7 @@ fn boxes(cells: &[Cell]) -> Vec<(Cell, Cell)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metamorph_protocol::shape::{Radius, Shape};
+    use metamorph_core::shape::{Radius, Shape};
 
     #[test]
     fn boxes_are_the_same_cells() {

@@ -2,9 +2,9 @@
 //!
 //! Absent: what a mesh lost in the conversion (see `voxel`).
 
-use metamorph_protocol::goal::{Goal, GoalError, Growth};
-use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::shape::components;
+use metamorph_core::goal::{Goal, GoalError, Growth};
+use metamorph_core::lattice::Cell;
+use metamorph_core::shape::components;
 use metamorph_text::format::{count, many};
 use std::fmt;
 

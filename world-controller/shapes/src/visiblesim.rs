@@ -7,7 +7,7 @@
 //! `blockBox`).
 
 use super::error::{MAX_ATTRIBUTES, MAX_ATTRIBUTES_OF_ONE, MAX_NAMESPACES, MAX_NODES, SolidError};
-use metamorph_protocol::lattice::Cell;
+use metamorph_core::lattice::Cell;
 use roxmltree::{Document, Error, Node, ParsingOptions};
 use std::collections::BTreeSet;
 

@@ -5,7 +5,7 @@
 
 use super::error::{MAX_VOX_CHUNKS, MAX_VOX_SCENE, MAX_VOXELS, SolidError};
 use super::visiblesim::in_range;
-use metamorph_protocol::lattice::Cell;
+use metamorph_core::lattice::Cell;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Bytes before the first chunk: the name of the format and its version.

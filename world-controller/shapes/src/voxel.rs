@@ -10,7 +10,7 @@
 
 use super::error::{MAX_GRID, MAX_WORK, SolidError};
 use super::mesh::Triangle;
-use metamorph_protocol::lattice::Cell;
+use metamorph_core::lattice::Cell;
 use std::collections::HashMap;
 
 /// The edge of a cell in units of the fine grid, and half of it.

@@ -11,7 +11,7 @@
 
 use super::{CubeWorld, Occupant};
 use crate::cube::invariants::{BODY_CONNECTED, MOVER_SUPPORTED};
-use crate::world::invariants::ONE_MODULE_PER_CELL;
+use metamorph_kernel::world::invariants::ONE_MODULE_PER_CELL;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::{Cell, Face, Motion};
 use metamorph_protocol::time::Time;
@@ -167,9 +167,9 @@ impl CubeWorld {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::world::World;
-    use crate::world::invariants::Invariant;
-    use crate::world::invariants::Violation;
+    use metamorph_kernel::world::World;
+    use metamorph_kernel::world::invariants::Invariant;
+    use metamorph_kernel::world::invariants::Violation;
     use metamorph_protocol::cube::body::Move;
     use metamorph_protocol::lattice::MotionKind;
     use metamorph_protocol::ratio::Ratio;

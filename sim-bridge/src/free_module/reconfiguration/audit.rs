@@ -2,8 +2,8 @@
 
 use super::invariants::{BRANCH_LOCKED, branch_locked};
 use super::world::FreeModuleWorld;
-use crate::kernel::audited::{Agents, Audited};
-use crate::world::invariants::{MOVE_WITHIN_LEASE, Violation, move_within_lease};
+use metamorph_kernel::kernel::audited::{Agents, Audited};
+use metamorph_kernel::world::invariants::{MOVE_WITHIN_LEASE, Violation, move_within_lease};
 use metamorph_protocol::free_module::reconfiguration::LatticeModule;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::Time;

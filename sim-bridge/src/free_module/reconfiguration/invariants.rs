@@ -1,6 +1,6 @@
 //! Invariants of all runs of free modules on the lattice, besides those of all runs.
 
-use crate::world::invariants::Invariant;
+use metamorph_kernel::world::invariants::Invariant;
 use metamorph_protocol::ids::ModuleId;
 use std::collections::BTreeSet;
 

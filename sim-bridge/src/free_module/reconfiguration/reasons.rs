@@ -1,6 +1,6 @@
 //! Reasons for a standstill of free modules.
 
-use crate::director::reason::{Excuse, Reason, Why};
+use metamorph_kernel::director::reason::{Excuse, Reason, Why};
 
 /// The planner has examined every configuration that can be reached.
 pub const NO_PLAN: Reason =

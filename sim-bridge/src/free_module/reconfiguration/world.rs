@@ -8,8 +8,8 @@
 
 mod safety;
 
-use crate::world::World;
-use crate::world::body_queue::{BodyQueue, Ports};
+use metamorph_kernel::world::World;
+use metamorph_kernel::world::body_queue::{BodyQueue, Ports};
 use metamorph_protocol::assembly::checker::{
     PhysicalAction, Physics, Place as Site, Refusal as Reason, World as Bodies,
 };

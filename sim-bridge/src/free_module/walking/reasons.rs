@@ -1,6 +1,6 @@
 //! Reasons for which a structure does not walk as asked.
 
-use crate::director::reason::{Excuse, Reason, Why};
+use metamorph_kernel::director::reason::{Excuse, Reason, Why};
 
 /// No module is left whose joints could move.
 pub const NO_JOINT: Reason =

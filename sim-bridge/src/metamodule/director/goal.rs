@@ -1,7 +1,7 @@
 //! The goal that is built: its place, the seeds that are filled, and what was done to it.
 
-use crate::director::faults::{Fault, Target};
-use crate::director::progress::Stage;
+use metamorph_kernel::director::faults::{Fault, Target};
+use metamorph_kernel::director::progress::Stage;
 use crate::metamodule::faults::{GOAL_DROPPED, GOAL_MOVED, GOAL_ORDERED, GOAL_SET, GOAL_TURNED};
 use crate::metamodule::relocation::Shift;
 use metamorph_protocol::lattice::Cell;

@@ -1,8 +1,8 @@
 //! Commands to single metamodules: what each is commanded and until when, and which are to stay until they are commanded.
 
 use super::members::{Members, Orders};
-use crate::director::operator::Level;
-use crate::director::steering::Steering as Wish;
+use metamorph_kernel::director::operator::Level;
+use metamorph_kernel::director::steering::Steering as Wish;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::metamodule::blueprint::SeedSet;
 use metamorph_protocol::metamodule::message::Order;

@@ -1,10 +1,10 @@
 //! What an operator sees of a swarm of metamodules, which commands help it on, and the scripted operator of a run.
 
 use super::view::View;
-use crate::director::faults::{Fault, Target};
-use crate::director::monitor::RunMonitor;
-use crate::director::operator::{Level, Part, Scene};
-use crate::director::steering::Steering;
+use metamorph_kernel::director::faults::{Fault, Target};
+use metamorph_kernel::director::monitor::RunMonitor;
+use metamorph_kernel::director::operator::{Level, Part, Scene};
+use metamorph_kernel::director::steering::Steering;
 use crate::metamodule::faults::GOAL_MOVED;
 use crate::metamodule::relocation::clear_places;
 use metamorph_protocol::ids::ModuleId;

@@ -3,9 +3,9 @@
 use super::goal::Goal;
 use super::leases::Leases;
 use super::members::Members;
-use crate::director::faults::{Fault, Target};
-use crate::director::operator::Level;
-use crate::director::steering::Steering as Wish;
+use metamorph_kernel::director::faults::{Fault, Target};
+use metamorph_kernel::director::operator::Level;
+use metamorph_kernel::director::steering::Steering as Wish;
 use crate::metamodule::faults::{COMMANDS, GOAL_DROPPED, GOAL_SET, GOAL_TURNED, TUNED};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;

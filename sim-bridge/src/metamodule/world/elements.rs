@@ -220,7 +220,7 @@ impl MetamoduleWorld {
 mod tests {
     use super::super::tests::{act_of, setup, upright};
     use super::*;
-    use crate::world::invariants::Invariant;
+    use metamorph_kernel::world::invariants::Invariant;
     use metamorph_protocol::manipulation::load::Limits;
     use metamorph_protocol::metamodule::elements::{Elements, PassiveElement};
     use metamorph_protocol::metamodule::message::{Percept, Refusal};

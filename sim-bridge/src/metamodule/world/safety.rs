@@ -6,7 +6,7 @@
 
 use super::{MetamoduleWorld, Occupant};
 use crate::metamodule::invariants::{ATTACHED, attached};
-use crate::world::invariants::ONE_MODULE_PER_CELL;
+use metamorph_kernel::world::invariants::ONE_MODULE_PER_CELL;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::message::BodyAction;
@@ -105,8 +105,8 @@ impl MetamoduleWorld {
 mod tests {
     use super::super::tests::{act, setup, upright};
     use super::*;
-    use crate::world::World;
-    use crate::world::invariants::Invariant;
+    use metamorph_kernel::world::World;
+    use metamorph_kernel::world::invariants::Invariant;
     use metamorph_protocol::metamodule::message::{Action, Percept};
     use metamorph_protocol::metamodule::motions::Sweep;
     use metamorph_protocol::metamodule::params::Setup;

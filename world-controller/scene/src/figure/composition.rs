@@ -10,9 +10,9 @@ use super::snapshot::{Body, Process, Snapshot};
 use super::solid::{Filled, Owner, Solid, filled_cell, of_cell, of_part};
 use crate::parts::Part;
 use crate::visible::{Colour, FILLS, Floor, Words};
-use metamorph_protocol::counters::Class;
-use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::lattice::Cell;
+use metamorph_core::counters::Class;
+use metamorph_core::ids::ModuleId;
+use metamorph_core::lattice::Cell;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A run as figures see it.

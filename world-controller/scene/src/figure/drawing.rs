@@ -9,8 +9,8 @@ use super::picture::{Anchor, At, Element, Picture, Stroke};
 use super::snapshot::{Process, Snapshot};
 use super::solid::{Facet, Owner, Solid};
 use crate::parts::{Part, Tone};
-use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::lattice::Cell;
+use metamorph_core::ids::ModuleId;
+use metamorph_core::lattice::Cell;
 use metamorph_text::format::seconds;
 use std::collections::BTreeMap;
 

@@ -9,9 +9,9 @@ use super::palette::Rgb;
 use super::picture::{At, Element, Picture, Stroke};
 use super::snapshot::{Process, Snapshot};
 use super::solid::Owner;
-use metamorph_protocol::counters::Class;
-use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::lattice::{Cell, Face};
+use metamorph_core::counters::Class;
+use metamorph_core::ids::ModuleId;
+use metamorph_core::lattice::{Cell, Face};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Distance of messages from the line between the centres, to the right of their direction, in edges of a cell.

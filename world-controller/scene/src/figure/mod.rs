@@ -25,7 +25,7 @@ use crate::scene::Scene;
 use animation::Format;
 use composition::{Extent, Subject};
 use drawing::Provenance;
-use metamorph_protocol::time::{Span, Time};
+use metamorph_core::time::{Span, Time};
 use metamorph_text::format::{many, seconds};
 use options::{ColorBy, Style};
 use picture::Picture;

@@ -2,8 +2,8 @@
 
 use super::camera::Camera;
 use super::palette::Theme;
-use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::time::{Span, Time};
+use metamorph_core::lattice::Cell;
+use metamorph_core::time::{Span, Time};
 use std::collections::BTreeSet;
 use std::fmt;
 use std::str::FromStr;

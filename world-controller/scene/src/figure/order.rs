@@ -133,9 +133,9 @@ mod tests {
     use super::super::solid::{Filled, Owner, of_cell, of_part};
     use super::*;
     use crate::parts::{Part, Shape, Tone};
-    use metamorph_protocol::ids::ModuleId;
-    use metamorph_protocol::lattice::Cell;
-    use metamorph_protocol::rng::Rng;
+    use metamorph_core::ids::ModuleId;
+    use metamorph_core::lattice::Cell;
+    use metamorph_core::rng::Rng;
     use nalgebra::UnitQuaternion;
     use std::collections::BTreeSet;
 
@@ -186,7 +186,7 @@ mod tests {
             let all: Vec<Cell> = cells.iter().copied().collect();
             // Every fourth cube slides towards a free cell.
             let slide = |cell: &Cell| {
-                let to = metamorph_protocol::lattice::Face::ALL
+                let to = metamorph_core::lattice::Face::ALL
                     .into_iter()
                     .find(|f| !cells.contains(&cell.step(*f)));
                 to.map(|f| <[i16; 3]>::from(f.offset()).map(|x| f64::from(x) * 0.4)).unwrap_or_default()

@@ -2,7 +2,7 @@
 
 use super::camera::{P, V, View};
 use crate::parts::centre;
-use metamorph_protocol::lattice::{Cell, Face};
+use metamorph_core::lattice::{Cell, Face};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Distance from an edge at which its sides are tested, in edges of a cell.

@@ -3,7 +3,7 @@
 
 use crate::elements::Hold;
 use crate::visible;
-use metamorph_protocol::counters::Class;
+use metamorph_core::counters::Class;
 use std::fmt;
 
 /// A colour: red, green, blue.

@@ -5,9 +5,9 @@ use crate::elements::Hold;
 use crate::parts::{Motion, Part};
 use crate::scene::{Event, Scene};
 use crate::visible::{GoalView, ModuleView};
-use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::time::Time;
+use metamorph_core::ids::ModuleId;
+use metamorph_core::lattice::Cell;
+use metamorph_core::time::Time;
 use metamorph_report::message_timeline::{Edge, FAR};
 use std::collections::BTreeMap;
 

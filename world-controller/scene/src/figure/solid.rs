@@ -5,8 +5,8 @@
 use super::camera::{P, V, View, dot};
 use crate::elements::Hold;
 use crate::parts::{Part, Shape, Tone, centre};
-use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::lattice::{Cell, Face};
+use metamorph_core::ids::ModuleId;
+use metamorph_core::lattice::{Cell, Face};
 use nalgebra::Vector3;
 use std::collections::BTreeSet;
 

@@ -6,7 +6,7 @@ use super::super::invariants::{
     confirmed_in_order, connection_sides_agree, no_turn_while_pending, once_per_epoch,
 };
 use super::{FreeModuleWorld, Turn, pair};
-use crate::world::invariants::{ONE_MODULE_PER_CELL, Violation};
+use metamorph_kernel::world::invariants::{ONE_MODULE_PER_CELL, Violation};
 use metamorph_protocol::assembly::checker::Refusal as Reason;
 use metamorph_protocol::free_module::reconfiguration::message::StepName;
 use metamorph_protocol::ids::ModuleId;
