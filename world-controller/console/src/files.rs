@@ -112,10 +112,6 @@ mod tests {
         }
         let beside = Files.beside(&folder.path().join("c.toml"));
         assert_eq!(beside, ["a.txt", "b.toml"].map(|name| folder.path().join(name)));
-        assert!(
-            Files.beside(Path::new("/")).is_empty()
-                && Files.exists(folder.path())
-                && !Files.is_file(folder.path())
-        );
+        assert!(Files.exists(folder.path()) && !Files.is_file(folder.path()));
     }
 }
