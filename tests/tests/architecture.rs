@@ -238,7 +238,10 @@ fn allowed() -> BTreeMap<&'static str, Vec<&'static str>> {
             "metamorph-python",
             vec!["metamorph-protocol", "metamorph-sim-bridge", "metamorph-world-controller"],
         ),
-        ("metamorph-site", vec!["metamorph-world-controller"]),
+        (
+            "metamorph-site",
+            vec!["metamorph-protocol", "metamorph-module-agent", "metamorph-world-controller"],
+        ),
         (
             "metamorph-tests",
             vec![
@@ -334,7 +337,7 @@ const OF_SYSTEMS: [&str; 12] = [
 /// Names of the standard library that ask the operating system.
 const SYSTEM_NAMES: [&str; 9] = [
     "std::fs",
-    "std::thread",
+    "std::thread::",
     "std::process",
     "std::net",
     "std::env::var",
@@ -416,8 +419,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     (
         "protocol/core",
         &[
-            "names", "ids", "time", "ratio", "rng", "digest", "coverage", "defects", "lattice", "shape", "goal",
-            "counters", "wire", "link", "agent", "runtime", "record", "host",
+            "names", "ids", "time", "ratio", "rng", "digest", "coverage", "defects", "lattice", "shape",
+            "goal", "counters", "wire", "link", "agent", "runtime", "record", "host",
         ],
     ),
     ("protocol/planning", &["plan", "assembly", "manipulation", "reconfiguration"]),
@@ -550,6 +553,7 @@ const OF_FAMILIES: &[&str] = &[
     "protocol/agents/src/metamodule",
     "protocol/agents/src/free_module",
     "protocol/central-planning",
+    "sim-bridge/physics",
     "sim-bridge/src/cube",
     "sim-bridge/src/metamodule",
     "sim-bridge/src/free_module",

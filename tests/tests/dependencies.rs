@@ -58,7 +58,7 @@ fn the_default_build_has_no_links_between_machines() {
         .map(|package| package.name.to_string())
         .collect();
     assert!(names.contains("iceoryx2"), "the dependencies were not found");
-    let controller = metadata.packages.iter().find(|p| p.name.as_str() == "metamorph-world-controller");
+    let controller = metadata.packages.iter().find(|p| p.name.as_str() == "metamorph-processes");
     let of_feature: Vec<&str> = controller.expect("it is a member").features["hosts"]
         .iter()
         .filter_map(|feature| feature.strip_prefix("dep:"))

@@ -149,10 +149,10 @@ mod tests {
         let table = table(&root(), "").unwrap();
         let row =
             |folder: &str| table.lines().find(|row| row.starts_with(&format!("| `{folder}` |"))).unwrap();
-        assert!(row("protocol").ends_with(" k | – |"), "{table}");
+        assert!(row("protocol/core").ends_with(" k | – |"), "{table}");
         let uses = row("tests").rsplit(" | ").next().unwrap();
-        assert!(uses.contains("`world-controller`") && !uses.contains("`protocol`"), "{table}");
-        assert!(table.find("| `protocol`") < table.find("| `world-controller`"), "{table}");
+        assert!(uses.contains("`world-controller`") && !uses.contains("`protocol/core`"), "{table}");
+        assert!(table.find("| `protocol/core`") < table.find("| `world-controller`"), "{table}");
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! Invariants of metamodules that involve agents and the world.
 
-use metamorph_kernel::kernel::audited::{Agents, Audited};
 use crate::metamodule::invariants::{ONE_HOLDER_PER_LOCK, one_holder_per_lock};
 use crate::metamodule::world::MetamoduleWorld;
+use metamorph_kernel::kernel::audited::{Agents, Audited};
 use metamorph_kernel::world::World;
 use metamorph_kernel::world::invariants::{MOVE_WITHIN_LEASE, Violation, move_within_lease};
 use metamorph_protocol::ids::ModuleId;

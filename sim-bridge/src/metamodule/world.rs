@@ -12,11 +12,11 @@ mod elements;
 mod safety;
 
 use crate::metamodule::invariants::{LINK_FOR_EACH_IN_RANGE, link_for_each_in_range};
+use elements::ElementBody;
 use metamorph_kernel::world::World;
 use metamorph_kernel::world::body_queue::{BodyQueue, Ports};
 use metamorph_kernel::world::grid::{Grid, Occupant};
 use metamorph_kernel::world::invariants::Violation;
-use elements::ElementBody;
 
 pub use counts::ActionCounts;
 pub use drops::Drop;

@@ -16,8 +16,8 @@ use metamorph_processes::run::PageChannels;
 use metamorph_processes::run::simulated::{Simulation, simulate};
 use metamorph_protocol::time::Time;
 use metamorph_report::progress;
+use metamorph_scenario::Plan;
 use metamorph_scenario::shipped::is_scenario;
-use metamorph_scenario::{Plan, quote};
 use metamorph_scene::beginning::Heading;
 use metamorph_scene::bodies::ShownSwarm;
 use metamorph_scene::figure::FigureError;
@@ -28,11 +28,11 @@ use metamorph_scene::shared::Shared;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_text::command_error::{BAD_USAGE, CommandError, FAILED, Failure};
-use metamorph_text::escape::{Shown, portable};
+use metamorph_text::escape::Shown;
 use metamorph_text::format::{bytes, many, seconds};
-use metamorph_view::request::{self, Kind, Origin, Request, Source};
+use metamorph_view::request::{self, Kind, Request, Source};
 use std::io::IsTerminal;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use thiserror::Error;
 
 /// Arguments of `render`.
@@ -150,7 +150,7 @@ pub fn render(args: RenderArgs, since: Stopwatch, interrupt: &Interrupt) -> Resu
     } else {
         read(&args)?
     };
-    let origin = origin(&drawn.plan, &args.file, &args.simulated);
+    let origin = runs::origin(&drawn.plan, &args.file, &args.simulated);
     let source =
         Source { scene: &drawn.scene, swarm: &*drawn.swarm, origin: &origin, trace: drawn.trace.clone() };
     let shown = match target {
@@ -188,18 +188,6 @@ fn target(args: &RenderArgs) -> Result<Target, RenderError> {
         }
         _ => Ok(Target::File(kind)),
     }
-}
-
-/// Returns where a run comes from that is read from a file, with what is changed in it.
-pub fn origin(plan: &Plan, file: &Path, simulated: &SimulatedArgs) -> Origin {
-    let SimulatedArgs { seed, set, kill, pause } = simulated;
-    let seed = seed.map(|seed| seed.to_string());
-    let options = [("--seed", seed.as_slice()), ("--set", set), ("--kill", kill), ("--pause", pause)];
-    let options = options.into_iter().flat_map(|(option, values)| {
-        values.iter().flat_map(move |value| [option.to_owned(), quote(value.clone())])
-    });
-    let command = request::Command::Render { source: quote(portable(file)), options: options.collect() };
-    Origin { title: plan.title(), seed: plan.seed, command }
 }
 
 /// Simulates a scenario, no longer than needed.

@@ -1,11 +1,20 @@
 //! The command `resume`.
 
 use crate::exit_codes::{DAMAGED_EXIT_CODE, EXIT_CODES};
-use crate::runs::resume;
+use crate::runs::{Asked, Show};
 use crate::scenario_args::hosts_file;
 use clap::Args;
 use metamorph_console::command::{CommandOf, Group};
+use metamorph_console::interrupt::Interrupt;
+use metamorph_console::output::Outputs;
+use metamorph_console::stopwatch::Stopwatch;
+use metamorph_console::terminal::Live;
+use metamorph_processes::family::{self, families};
+use metamorph_processes::record::journal::parts_of;
+use metamorph_processes::run::processes;
 use metamorph_processes::swarm::HostsFile;
+use metamorph_text::command_error::Failure;
+use std::path::Path;
 use std::path::PathBuf;
 
 /// Examples for the help.
@@ -52,6 +61,31 @@ pub struct ResumeArgs {
     /// Print errors only, and JSON if requested
     #[arg(short, long)]
     pub quiet: bool,
+}
+
+/// Resumes a run whose controller was killed.
+fn resume(args: ResumeArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
+    let mut left = processes::left_behind(families(), &args.file)?;
+    left.elsewhere = args.hosts;
+    let plan = left.plan.clone();
+    let mut outputs = Outputs::new();
+    outputs.reads("the scenario", Path::new(&plan.origin));
+    plan.files.iter().for_each(|file| outputs.reads("a file that the scenario names,", file));
+    outputs.reads_directory("a part of the journal,", &parts_of(&args.file));
+    outputs.writes("the journal", &args.file)?;
+    let asked = Asked {
+        json: args.json,
+        html: args.html,
+        journal: Some(args.file.clone()),
+        view: args.view,
+        control: args.control,
+        quiet: args.quiet,
+    };
+    let show = Show::begin(&plan, asked, &mut outputs, interrupt)?;
+    let mut live = Live::new(!args.quiet);
+    let report = family::of(&plan).resume(left, &mut live, since, show.channels(&plan))?;
+    drop(live);
+    show.end(&plan, &report, Some(&args.file))
 }
 
 /// The command.

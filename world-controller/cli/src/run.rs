@@ -1,12 +1,23 @@
 //! The command `run`.
 
 use crate::exit_codes::EXIT_CODES;
-use crate::runs::run;
+use crate::runs::{Asked, Show, plan};
 use crate::scenario_args::{PlanArgs, real_time};
 use clap::Args;
 use metamorph_console::command::{CommandOf, Group};
+use metamorph_console::interrupt::Interrupt;
+use metamorph_console::output::Outputs;
+use metamorph_console::stopwatch::Stopwatch;
+use metamorph_console::terminal::Live;
+use metamorph_processes::family::{self, run_simulated};
+use metamorph_processes::record::journal::{JournalError, JournalSession, exit_code};
+use metamorph_processes::run::processes::Processes;
+use metamorph_scenario::LinkKind;
+use metamorph_text::command_error::{CommandError, Failure};
+use std::path::Path;
 use std::path::PathBuf;
 use std::time::Duration;
+use thiserror::Error;
 
 /// Examples for the help.
 const EXAMPLES: &str = "\
@@ -53,6 +64,58 @@ pub struct RunArgs {
     /// Print errors only, and JSON if requested
     #[arg(short, long)]
     pub quiet: bool,
+}
+
+/// The journal cannot be created.
+#[derive(Debug, Error)]
+#[error("--journal: {0}")]
+struct NoJournal(JournalError);
+
+impl CommandError for NoJournal {
+    fn exit_code(&self) -> u8 {
+        exit_code(&self.0)
+    }
+}
+
+/// Runs a scenario.
+fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
+    let hosts = args.plan.hosts.as_ref().and_then(|hosts| hosts.file.clone());
+    let (path, overrides) = args.plan.into();
+    let plan = plan(&path, &overrides)?;
+    let mut outputs = Outputs::new();
+    outputs.reads("the scenario", Path::new(&plan.origin));
+    plan.files.iter().for_each(|file| outputs.reads("a file that the scenario names,", file));
+    if let Some(file) = &args.journal {
+        // The journal is written during the run; only its permission is checked here.
+        outputs.writes("--journal", file)?;
+    }
+    let asked = Asked {
+        json: args.json,
+        html: args.html,
+        journal: args.journal.clone(),
+        view: args.view,
+        control: args.control,
+        quiet: args.quiet,
+    };
+    let show = Show::begin(&plan, asked, &mut outputs, interrupt)?;
+    let mut live = Live::new(!args.quiet);
+    let begin = match overrides.link {
+        LinkKind::Sim => JournalSession::simulated,
+        LinkKind::Ipc => JournalSession::of_processes,
+    };
+    let keeping = args.journal.as_deref().map(|file| begin(file, &plan)).transpose();
+    let keeping = keeping.map_err(NoJournal)?;
+    let page = show.channels(&plan);
+    let report = match overrides.link {
+        LinkKind::Sim => run_simulated(&plan, &show.interrupt, &mut live, since, keeping, page),
+        LinkKind::Ipc => {
+            let (patience, live) = (args.patience, &mut live);
+            let processes = Processes { live, since, keeping, patience, hosts, page };
+            family::of(&plan).run_processes(&plan, processes)?
+        }
+    };
+    drop(live);
+    show.end(&plan, &report, args.journal.as_deref())
 }
 
 /// The command.

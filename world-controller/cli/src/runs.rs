@@ -1,47 +1,27 @@
-//! The commands that run a scenario or show a run: `run`, `resume` and `view`.
+//! The parts that `run`, `resume`, `view` and `render` share: reading a scenario, the page, the reports.
 
-use crate::render::origin;
-use crate::resume::ResumeArgs;
-use crate::run::RunArgs;
-use crate::view::ViewArgs;
+use crate::scenario_args::SimulatedArgs;
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::{Json, Output, Outputs};
-use metamorph_console::stopwatch::Stopwatch;
-use metamorph_console::terminal::{self, Channel, Live, print_error, print_out};
+use metamorph_console::terminal::{self, Channel, print_error};
 use metamorph_families::free_module::plan_scene::plan_scene;
 use metamorph_free_modules::plan::document::PlanFile;
 use metamorph_processes::control::{Operators, SharedQueue, queue};
-use metamorph_processes::family::{self, Recorded, families, read_file, recorded, run_simulated, scene};
-use metamorph_processes::record::journal::{
-    JournalError, JournalFailure, JournalSession, exit_code, parts_of,
-};
+use metamorph_processes::family::{self, Recorded, read_file, recorded, scene};
 use metamorph_processes::run::PageChannels;
-use metamorph_processes::run::processes::{self, Processes};
 use metamorph_report::human;
 use metamorph_report::page::page;
 use metamorph_report::schema::Report;
-use metamorph_scenario::shipped::is_scenario;
 use metamorph_scenario::{LinkKind, Overrides, Plan, quote};
 use metamorph_scene::shared::Shared;
 use metamorph_sim_bridge::director::outcome::Outcome;
-use metamorph_text::command_error::{BAD_USAGE, CommandError, FAILED, Failure};
+use metamorph_text::command_error::{BAD_USAGE, FAILED, Failure};
+use metamorph_text::escape::portable;
 use metamorph_view::http::ServerError;
 use metamorph_view::request::{Command, Origin};
 use metamorph_view::saved::Subject;
 use metamorph_view::server::Server;
 use std::path::{Path, PathBuf};
-use thiserror::Error;
-
-/// The journal cannot be created.
-#[derive(Debug, Error)]
-#[error("--journal: {0}")]
-struct NoJournal(JournalError);
-
-impl CommandError for NoJournal {
-    fn exit_code(&self) -> u8 {
-        exit_code(&self.0)
-    }
-}
 
 /// Reads a scenario.
 pub fn plan(path: &Path, overrides: &Overrides) -> Result<Plan, Failure> {
@@ -49,95 +29,37 @@ pub fn plan(path: &Path, overrides: &Overrides) -> Result<Plan, Failure> {
         .map_err(|diagnostics| Failure { text: diagnostics.to_string(), exit_code: BAD_USAGE })
 }
 
-/// Runs a scenario.
-pub fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
-    let hosts = args.plan.hosts.as_ref().and_then(|hosts| hosts.file.clone());
-    let (path, overrides) = args.plan.into();
-    let plan = plan(&path, &overrides)?;
-    let mut outputs = Outputs::new();
-    outputs.reads("the scenario", Path::new(&plan.origin));
-    plan.files.iter().for_each(|file| outputs.reads("a file that the scenario names,", file));
-    if let Some(file) = &args.journal {
-        // The journal is written during the run; only its permission is checked here.
-        outputs.writes("--journal", file)?;
-    }
-    let asked = Asked {
-        json: args.json,
-        html: args.html,
-        journal: args.journal.clone(),
-        view: args.view,
-        control: args.control,
-        quiet: args.quiet,
-    };
-    let show = Show::begin(&plan, asked, &mut outputs, interrupt)?;
-    let mut live = Live::new(!args.quiet);
-    let begin = match overrides.link {
-        LinkKind::Sim => JournalSession::simulated,
-        LinkKind::Ipc => JournalSession::of_processes,
-    };
-    let keeping = args.journal.as_deref().map(|file| begin(file, &plan)).transpose();
-    let keeping = keeping.map_err(NoJournal)?;
-    let page = show.channels(&plan);
-    let report = match overrides.link {
-        LinkKind::Sim => run_simulated(&plan, &show.interrupt, &mut live, since, keeping, page),
-        LinkKind::Ipc => {
-            let (patience, live) = (args.patience, &mut live);
-            let processes = Processes { live, since, keeping, patience, hosts, page };
-            family::of(&plan).run_processes(&plan, processes)?
-        }
-    };
-    drop(live);
-    show.end(&plan, &report, args.journal.as_deref())
-}
-
-/// Resumes a run whose controller was killed.
-pub fn resume(args: ResumeArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
-    let mut left = processes::left_behind(families(), &args.file)?;
-    left.elsewhere = args.hosts;
-    let plan = left.plan.clone();
-    let mut outputs = Outputs::new();
-    outputs.reads("the scenario", Path::new(&plan.origin));
-    plan.files.iter().for_each(|file| outputs.reads("a file that the scenario names,", file));
-    outputs.reads_directory("a part of the journal,", &parts_of(&args.file));
-    outputs.writes("the journal", &args.file)?;
-    let asked = Asked {
-        json: args.json,
-        html: args.html,
-        journal: Some(args.file.clone()),
-        view: args.view,
-        control: args.control,
-        quiet: args.quiet,
-    };
-    let show = Show::begin(&plan, asked, &mut outputs, interrupt)?;
-    let mut live = Live::new(!args.quiet);
-    let report = family::of(&plan).resume(left, &mut live, since, show.channels(&plan))?;
-    drop(live);
-    show.end(&plan, &report, Some(&args.file))
-}
-
 /// The requested outputs of a run.
-struct Asked {
-    json: Option<PathBuf>,
-    html: Option<PathBuf>,
-    journal: Option<PathBuf>,
-    view: bool,
-    control: bool,
-    quiet: bool,
+pub struct Asked {
+    /// The file of `--json`.
+    pub json: Option<PathBuf>,
+    /// The file of `--html`.
+    pub html: Option<PathBuf>,
+    /// The journal that holds the run.
+    pub journal: Option<PathBuf>,
+    /// Whether a page shows the run.
+    pub view: bool,
+    /// Whether the page may command the run.
+    pub control: bool,
+    /// Whether only errors are printed.
+    pub quiet: bool,
 }
 
 /// Observers of a run: the page during it, the reports afterwards.
-struct Show {
+pub struct Show {
     json: Json,
     html: Option<Output>,
     view: bool,
     quiet: bool,
     scene: Option<Shared>,
     control: Option<SharedQueue>,
-    interrupt: Interrupt,
+    /// Set by Ctrl-C.
+    pub interrupt: Interrupt,
 }
 
 impl Show {
-    fn begin(
+    /// Prepares the outputs, and starts the page, if one is wanted.
+    pub fn begin(
         plan: &Plan,
         asked: Asked,
         outputs: &mut Outputs,
@@ -167,12 +89,13 @@ impl Show {
 
     /// Returns the log whose records fill the scene of the page and the HTML report, if either is wanted, and the
     /// commands from the page, if it may give some.
-    fn channels(&self, plan: &Plan) -> PageChannels {
+    pub fn channels(&self, plan: &Plan) -> PageChannels {
         let scribe = self.scene.as_ref().map(|scene| family::of(plan).shown(plan).scribe(scene.clone()));
         PageChannels { scribe, control: self.control.clone(), ..PageChannels::default() }
     }
 
-    fn end(self, plan: &Plan, report: &Report, journal: Option<&Path>) -> Result<u8, Failure> {
+    /// Completes the page, and writes the reports. Returns the exit code of the run.
+    pub fn end(self, plan: &Plan, report: &Report, journal: Option<&Path>) -> Result<u8, Failure> {
         let Show { json, html, view, quiet, scene, interrupt, .. } = self;
         if let Some(scene) = &scene {
             finish(scene, plan, report, journal);
@@ -198,7 +121,7 @@ impl Show {
 }
 
 /// Serves a scene, and returns the text with its addresses.
-fn address(
+pub fn address(
     scene: &Shared,
     subject: Subject,
     port: Option<u16>,
@@ -230,33 +153,6 @@ fn finish(scene: &Shared, plan: &Plan, report: &Report, journal: Option<&Path>) 
     scene.lock().finish(report.clone());
 }
 
-/// Shows a journal, or a scenario that is simulated meanwhile.
-pub fn view(args: &ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
-    if !is_scenario(family::sources(), &args.file) {
-        let Recorded { plan, scene, damage } = recorded(&args.file)?;
-        for trouble in scene.troubles() {
-            print_error(&format!("note: {trouble}"));
-        }
-        interrupt.begin();
-        let subject =
-            Subject::new(family::of(&plan).shown(&plan), origin(&plan, &args.file, &args.simulated));
-        print_out(&address(&Shared::new(scene), subject, args.port, None)?);
-        wait_for_end(interrupt);
-        return damage.map_or(Ok(0), |damage| Err(JournalFailure::from(damage).into()));
-    }
-    let plan = plan(&args.file, &args.simulated.overrides())?;
-    let scene = Shared::new(scene(&plan, true));
-    interrupt.begin();
-    let subject = Subject::new(family::of(&plan).shown(&plan), origin(&plan, &args.file, &args.simulated));
-    print_out(&address(&scene, subject, args.port, None)?);
-    let scribe = Some(family::of(&plan).shown(&plan).scribe(scene.clone()));
-    let page = PageChannels { scribe, ..PageChannels::default() };
-    let report = run_simulated(&plan, interrupt, &mut Live::new(true), since, None, page);
-    scene.lock().finish(report);
-    wait_for_end(interrupt);
-    Ok(0)
-}
-
 /// Shows a plan step by step, until a signal asks the program to end.
 pub fn view_plan(plan: &PlanFile, port: Option<u16>, interrupt: &Interrupt) -> Result<(), Failure> {
     let words = std::env::args().skip(1).map(quote);
@@ -272,8 +168,20 @@ pub fn view_plan(plan: &PlanFile, port: Option<u16>, interrupt: &Interrupt) -> R
 
 /// Waits until a signal asks the program to end. Returns at once if standard output has failed, since the
 /// page's address was not printed then.
-fn wait_for_end(interrupt: &Interrupt) {
+pub fn wait_for_end(interrupt: &Interrupt) {
     if terminal::failure().is_none() {
         interrupt.wait();
     }
+}
+
+/// Returns where a run comes from that is read from a file, with what is changed in it.
+pub fn origin(plan: &Plan, file: &Path, simulated: &SimulatedArgs) -> Origin {
+    let SimulatedArgs { seed, set, kill, pause } = simulated;
+    let seed = seed.map(|seed| seed.to_string());
+    let options = [("--seed", seed.as_slice()), ("--set", set), ("--kill", kill), ("--pause", pause)];
+    let options = options.into_iter().flat_map(|(option, values)| {
+        values.iter().flat_map(move |value| [option.to_owned(), quote(value.clone())])
+    });
+    let command = Command::Render { source: quote(portable(file)), options: options.collect() };
+    Origin { title: plan.title(), seed: plan.seed, command }
 }

@@ -1,9 +1,19 @@
 //! The command `view`.
 
-use crate::runs::view;
+use crate::runs::{address, origin, plan, wait_for_end};
 use crate::scenario_args::SimulatedArgs;
 use clap::Args;
 use metamorph_console::command::{CommandOf, Group};
+use metamorph_console::interrupt::Interrupt;
+use metamorph_console::stopwatch::Stopwatch;
+use metamorph_console::terminal::{Live, print_error, print_out};
+use metamorph_processes::family::{self, Recorded, recorded, run_simulated, scene};
+use metamorph_processes::record::journal::JournalFailure;
+use metamorph_processes::run::PageChannels;
+use metamorph_scenario::shipped::is_scenario;
+use metamorph_scene::shared::Shared;
+use metamorph_text::command_error::Failure;
+use metamorph_view::saved::Subject;
 use std::path::PathBuf;
 
 /// Examples for the help.
@@ -38,6 +48,33 @@ pub struct ViewArgs {
     /// The port of the page's address, for example one that is forwarded; default: any free one
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub port: Option<u16>,
+}
+
+/// Shows a journal, or a scenario that is simulated meanwhile.
+fn view(args: &ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
+    if !is_scenario(family::sources(), &args.file) {
+        let Recorded { plan, scene, damage } = recorded(&args.file)?;
+        for trouble in scene.troubles() {
+            print_error(&format!("note: {trouble}"));
+        }
+        interrupt.begin();
+        let subject =
+            Subject::new(family::of(&plan).shown(&plan), origin(&plan, &args.file, &args.simulated));
+        print_out(&address(&Shared::new(scene), subject, args.port, None)?);
+        wait_for_end(interrupt);
+        return damage.map_or(Ok(0), |damage| Err(JournalFailure::from(damage).into()));
+    }
+    let plan = plan(&args.file, &args.simulated.overrides())?;
+    let scene = Shared::new(scene(&plan, true));
+    interrupt.begin();
+    let subject = Subject::new(family::of(&plan).shown(&plan), origin(&plan, &args.file, &args.simulated));
+    print_out(&address(&scene, subject, args.port, None)?);
+    let scribe = Some(family::of(&plan).shown(&plan).scribe(scene.clone()));
+    let page = PageChannels { scribe, ..PageChannels::default() };
+    let report = run_simulated(&plan, interrupt, &mut Live::new(true), since, None, page);
+    scene.lock().finish(report);
+    wait_for_end(interrupt);
+    Ok(0)
 }
 
 /// The command.

@@ -7,8 +7,8 @@
 
 use crate::shutdown::Shutdown;
 use crate::terminal::print_error;
-use metamorph_module_agent::run_dir::identity::survive_file_limits;
 use metamorph_kernel::director::outcome::Outcome;
+use metamorph_module_agent::run_dir::identity::survive_file_limits;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use signal_hook::low_level::signal_name;

@@ -2,8 +2,8 @@
 
 use metamorph_core::ids::HostId;
 use metamorph_core::link::Hosts;
-use metamorph_scenario::Plan;
 use metamorph_kernel::kernel::sim::{Crossed, Crossings};
+use metamorph_scenario::Plan;
 use metamorph_text::format::{bytes, count, many, whole_percent};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -3,8 +3,8 @@
 use super::Words;
 use super::schema::{ClassCounts, EXTERNAL, FaultReport, ProofReport, Report, Standstill};
 use metamorph_core::time::Time;
-use metamorph_scenario::Plan;
 use metamorph_kernel::director::progress::Progress;
+use metamorph_scenario::Plan;
 use metamorph_text::escape::Shown;
 use metamorph_text::format::{bytes, count, many, seconds, whole_percent};
 use metamorph_text::paint::Paint;

@@ -24,12 +24,12 @@ use hosts::HostsReport;
 use metamorph_core::counters::Class;
 use metamorph_core::counters::{Counts, Tally};
 use metamorph_core::time::{Span, Time};
-use metamorph_scenario::family::Words;
-use metamorph_scenario::{LinkChange, Plan};
 use metamorph_kernel::director::faults::{FaultRecord, Origin};
 use metamorph_kernel::director::outcome::{Outcome, Stall};
 use metamorph_kernel::kernel::sim::{ControlCounts, Crossings};
 use metamorph_kernel::world::invariants::Violation;
+use metamorph_scenario::family::Words;
+use metamorph_scenario::{LinkChange, Plan};
 use metamorph_text::format::{count, digits, many};
 use prospect::{Possible, Prospect};
 use schema::{

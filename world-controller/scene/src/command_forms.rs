@@ -1,8 +1,8 @@
 //! What a page must ask for before it can give a command: the verbs that a run knows, each with its parameters.
 
+use metamorph_kernel::director::faults::{Form, WorldFault};
 use metamorph_scenario::Plan;
 use metamorph_scenario::family::ScenarioFamily;
-use metamorph_kernel::director::faults::{Form, WorldFault};
 use serde::Serialize;
 
 /// A parameter of a command. The page writes it as the command's text has it.

@@ -12,18 +12,19 @@ use std::collections::VecDeque;
 /// The faults, the commands and the end of a run. `O` is the type of orders to agents.
 pub struct RunMonitor<O> {
     /// Injects the faults of the schedule and those that operators command.
-    pub(crate) faults: FaultInjector,
+    pub faults: FaultInjector,
     /// Commands that the driver has not polled yet, in order.
-    pub(crate) commands: VecDeque<Command<O>>,
-    pub(crate) stop: Stop,
+    pub commands: VecDeque<Command<O>>,
+    /// The bounds after which a run without progress is ended.
+    pub stop: Stop,
     /// The end of the last action of a body. Most directors also count events that may let bodies act again.
-    pub(crate) last_action: Time,
+    pub last_action: Time,
     /// The last time that a part of the goal was reached.
-    pub(crate) last_gain: Time,
+    pub last_gain: Time,
     /// The next time that the director examines the world.
-    pub(crate) next_check: Time,
+    pub next_check: Time,
     /// Conflicts prevented in incarnations that have ended.
-    pub(crate) prevented_before: u64,
+    pub prevented_before: u64,
     done: u64,
     outcome: Option<(Time, Outcome)>,
     stall: Option<Stall>,
@@ -31,7 +32,7 @@ pub struct RunMonitor<O> {
 
 /// The state of a run that decides whether it ends at a standstill.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Standing {
+pub struct Standing {
     /// True if a planned event may still let modules go on.
     pub is_planned: bool,
     /// True if nothing can go on, however short the standstill is.
@@ -44,7 +45,7 @@ pub(crate) struct Standing {
 
 impl<O> RunMonitor<O> {
     /// Creates the monitor of a run that has not begun.
-    pub(crate) fn new(schedule: Schedule, stop: Stop) -> RunMonitor<O> {
+    pub fn new(schedule: Schedule, stop: Stop) -> RunMonitor<O> {
         RunMonitor {
             faults: FaultInjector::new(schedule),
             commands: VecDeque::new(),
@@ -80,34 +81,35 @@ impl<O> RunMonitor<O> {
         self.last_gain
     }
     /// Returns the number of completed actions, at the last look.
-    pub(crate) fn done(&self) -> u64 {
+    pub fn done(&self) -> u64 {
         self.done
     }
     /// Returns the conflicts prevented in the run. `reported` are those that each living incarnation has reported.
-    pub(crate) fn prevented(&self, reported: impl Iterator<Item = u32>) -> u64 {
+    pub fn prevented(&self, reported: impl Iterator<Item = u32>) -> u64 {
         self.prevented_before + reported.map(u64::from).sum::<u64>()
     }
 
     /// Takes the number of actions completed so far. A higher one than before is progress.
-    pub(crate) fn count_actions(&mut self, now: Time, done: u64) {
+    pub fn count_actions(&mut self, now: Time, done: u64) {
         if done != self.done {
             (self.done, self.last_action) = (done, now);
         }
     }
     /// Injects the fault that is due. See [`FaultInjector::inject`].
-    pub(crate) fn inject(&mut self, now: Time, fault: Fault, alive: bool, effect: impl Into<String>) {
+    pub fn inject(&mut self, now: Time, fault: Fault, alive: bool, effect: impl Into<String>) {
         self.faults.inject(now, fault, alive, effect.into(), &mut self.commands);
     }
-    pub(crate) fn order(&mut self, id: ModuleId, order: O) {
+    /// Sends an order to an agent.
+    pub fn order(&mut self, id: ModuleId, order: O) {
         self.commands.push_back(Command::Order(id, order));
     }
 
     /// Returns true if faults of the schedule, or other events of the scenario, are still to come.
-    pub(crate) fn is_event_planned(&self, now: Time) -> bool {
+    pub fn is_event_planned(&self, now: Time) -> bool {
         self.faults.is_pending() || now < self.stop.planned_until
     }
     /// Returns the outcome with which a run ends now that stands like this; `None` if it continues.
-    pub(crate) fn verdict(&self, now: Time, standing: Standing) -> Option<Outcome> {
+    pub fn verdict(&self, now: Time, standing: Standing) -> Option<Outcome> {
         let Standing { is_planned, is_stranded, idle_since, no_gain_since } = standing;
         if now >= self.stop.timeout {
             Some(Outcome::Timeout)
@@ -122,14 +124,14 @@ impl<O> RunMonitor<O> {
         }
     }
     /// Ends the run, unless it has ended.
-    pub(crate) fn finish(&mut self, now: Time, outcome: Outcome) {
+    pub fn finish(&mut self, now: Time, outcome: Outcome) {
         if self.outcome.is_none() {
             self.outcome = Some((now, outcome));
             self.commands.push_back(Command::Finish);
         }
     }
     /// Ends the run at a standstill.
-    pub(crate) fn give_up(&mut self, now: Time, outcome: Outcome, stall: Stall) {
+    pub fn give_up(&mut self, now: Time, outcome: Outcome, stall: Stall) {
         self.stall = Some(stall);
         self.finish(now, outcome);
     }
@@ -138,12 +140,12 @@ impl<O> RunMonitor<O> {
     ///
     /// # Errors
     /// If the run has ended.
-    pub(crate) fn injector(&mut self) -> Result<&mut FaultInjector, String> {
+    pub fn injector(&mut self) -> Result<&mut FaultInjector, String> {
         if self.outcome.is_some() { Err("the run is over".to_owned()) } else { Ok(&mut self.faults) }
     }
 
     /// Returns when to wake the director: at `own` at the latest, for the next fault, check or the timeout; never after the end.
-    pub(crate) fn wake_at(&self, own: Time) -> Time {
+    pub fn wake_at(&self, own: Time) -> Time {
         if self.outcome.is_some() {
             return Time::NEVER;
         }

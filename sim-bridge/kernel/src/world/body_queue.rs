@@ -13,13 +13,16 @@ use std::hash::{Hash, Hasher};
 /// The ports of a body. `C` holds a contact for each.
 #[derive(Clone, Debug, Hash)]
 pub struct Ports<C> {
+    /// The incarnation of the process that the body belongs to.
     pub incarnation: Incarnation,
     /// Counts the changes of contacts.
     pub revision: Revision,
+    /// The contact of each port.
     pub contacts: C,
 }
 
 impl<C> Ports<C> {
+    /// Returns the ports of a body whose process has not been restarted.
     pub fn new(contacts: C) -> Ports<C> {
         Ports { incarnation: Incarnation(0), revision: Revision(0), contacts }
     }

@@ -3,14 +3,14 @@
 use super::elements::{Elements, is_off_colour, pinned};
 use super::relocation::Relocation;
 use super::view::View;
-use metamorph_kernel::director::outcome::{Proof, Stall, Waiter};
-use metamorph_kernel::director::reason::Why;
-use metamorph_kernel::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_WAY};
 use crate::metamodule::reasons::{
     BARRED, ELEMENT_BLOCKED, ELEMENT_OFF_COLOUR, ELEMENT_PINNED, GOAL_GIVEN_UP, HAS_NO_BETTER_PLACE,
     KEPT_FROM_ELEMENT, MISPLACED, NO_BETTER_PLACE, NO_LOCK, SEED_BLOCKED,
 };
 use crate::metamodule::relocation::Elsewhere;
+use metamorph_kernel::director::outcome::{Proof, Stall, Waiter};
+use metamorph_kernel::director::reason::Why;
+use metamorph_kernel::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_WAY};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::message::Status;

@@ -1,9 +1,9 @@
 //! The goal that is built: its place, the seeds that are filled, and what was done to it.
 
-use metamorph_kernel::director::faults::{Fault, Target};
-use metamorph_kernel::director::progress::Stage;
 use crate::metamodule::faults::{GOAL_DROPPED, GOAL_MOVED, GOAL_ORDERED, GOAL_SET, GOAL_TURNED};
 use crate::metamodule::relocation::Shift;
+use metamorph_kernel::director::faults::{Fault, Target};
+use metamorph_kernel::director::progress::Stage;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::{Seed, SeedOrder, SeedSet, Task};
 use metamorph_protocol::metamodule::message::Order;

@@ -1,9 +1,9 @@
 //! How the director of metamodules carries out faults and commands.
 
 use super::MetamoduleDirector;
-use metamorph_kernel::director::faults::{Fault, Target};
 use crate::metamodule::faults::{DROP, GOAL_MOVED, GOAL_TURNED, OBSTACLE, OBSTACLE_GONE, TUNED};
 use crate::metamodule::world::{Drop, MetamoduleWorld};
+use metamorph_kernel::director::faults::{Fault, Target};
 use metamorph_protocol::metamodule::blueprint::Task;
 use metamorph_protocol::metamodule::message::Order;
 use metamorph_protocol::metamodule::params::{Precedence, PrecedenceBy, Repulsion, Strategy};

@@ -1,12 +1,12 @@
 //! What an operator sees of a swarm of metamodules, which commands help it on, and the scripted operator of a run.
 
 use super::view::View;
+use crate::metamodule::faults::GOAL_MOVED;
+use crate::metamodule::relocation::clear_places;
 use metamorph_kernel::director::faults::{Fault, Target};
 use metamorph_kernel::director::monitor::RunMonitor;
 use metamorph_kernel::director::operator::{Level, Part, Scene};
 use metamorph_kernel::director::steering::Steering;
-use crate::metamodule::faults::GOAL_MOVED;
-use crate::metamodule::relocation::clear_places;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::Seed;

@@ -3,10 +3,10 @@
 use super::goal::Goal;
 use super::leases::Leases;
 use super::members::Members;
+use crate::metamodule::faults::{COMMANDS, GOAL_DROPPED, GOAL_SET, GOAL_TURNED, TUNED};
 use metamorph_kernel::director::faults::{Fault, Target};
 use metamorph_kernel::director::operator::Level;
 use metamorph_kernel::director::steering::Steering as Wish;
-use crate::metamodule::faults::{COMMANDS, GOAL_DROPPED, GOAL_SET, GOAL_TURNED, TUNED};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::Task;

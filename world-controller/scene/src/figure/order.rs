@@ -186,9 +186,8 @@ mod tests {
             let all: Vec<Cell> = cells.iter().copied().collect();
             // Every fourth cube slides towards a free cell.
             let slide = |cell: &Cell| {
-                let to = metamorph_core::lattice::Face::ALL
-                    .into_iter()
-                    .find(|f| !cells.contains(&cell.step(*f)));
+                let to =
+                    metamorph_core::lattice::Face::ALL.into_iter().find(|f| !cells.contains(&cell.step(*f)));
                 to.map(|f| <[i16; 3]>::from(f.offset()).map(|x| f64::from(x) * 0.4)).unwrap_or_default()
             };
             let mut taken = BTreeSet::new();
