@@ -34,6 +34,7 @@ mod ipc_scale;
 mod ipc_scarcity;
 mod journal;
 mod journal_damage;
+mod language;
 mod learn;
 mod locomotion;
 mod memory_conformance;
