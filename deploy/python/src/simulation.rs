@@ -73,7 +73,7 @@ pub struct Simulation {
     run: Box<dyn SteppedRun>,
     events: u64,
     over: bool,
-    /// What the agents share, if the protocol is one in Python.
+    /// Shared state of the agents, if the protocol is written in Python.
     setup: Option<Arc<Setup>>,
 }
 

@@ -9,7 +9,7 @@ use metamorph_world_controller::{
 /// A format.
 #[derive(Clone, Copy, Debug)]
 pub struct Format {
-    /// What holds it: `binary`, `text`, `json` or `page`.
+    /// Kind of content: `binary`, `text`, `json` or `page`.
     pub kind: &'static str,
     /// Its name in documents.
     pub name: &'static str,

@@ -28,7 +28,7 @@ pub fn pages(root: &Path) -> io::Result<Vec<PathBuf>> {
 pub struct Link {
     /// Where it is in the text, from its first bracket to its last.
     pub range: Range<usize>,
-    /// What it names, as it is written.
+    /// Destination of the link as written.
     pub destination: String,
     /// True for an image.
     pub image: bool,

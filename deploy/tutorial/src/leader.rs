@@ -14,7 +14,7 @@ use std::collections::VecDeque;
 use std::hash::Hasher;
 use std::sync::Arc;
 
-/// What all modules share and what never changes.
+/// Constant parameters that all modules share.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Setup {
     /// The time between two repetitions of what a module knows.

@@ -28,7 +28,7 @@ const SIZE: usize = 64;
 /// Time to wait for the other process to start, at most.
 const START: Duration = Duration::from_secs(20);
 
-/// What a message requests of the other end.
+/// Requests that a message carries to the other end.
 pub mod ask {
     /// Send a message back.
     pub const ECHO: u32 = 1;

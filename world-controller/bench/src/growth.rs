@@ -23,7 +23,7 @@ use std::collections::BTreeMap;
 /// The radius of the smallest ball, in half cells.
 const SMALLEST: u32 = 2;
 
-/// What grows from what.
+/// Goal of the growth and the body it starts from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Shape {
@@ -54,7 +54,7 @@ impl Shape {
 /// The results for all sizes.
 #[derive(Debug, Serialize)]
 pub struct Growth {
-    /// What grows from what. Growth is fitted over the modules of a slab, and over the goal cells of a pyramid.
+    /// Goal and initial body. Growth is fitted over the modules of a slab, and over the goal cells of a pyramid.
     pub shape: Shape,
     /// A row for each size.
     pub rows: Vec<Row>,

@@ -59,11 +59,11 @@ enum State {
 struct Check {
     name: &'static str,
     state: State,
-    /// What was measured.
+    /// Measured amount, as text.
     found: String,
-    /// What the swarm needs.
+    /// Amount that the swarm needs, as text.
     needs: String,
-    /// What happens otherwise, and what to do; empty if all is well.
+    /// Consequence of a failed check and the remedy; empty if the check passed.
     otherwise: &'static str,
     fix: String,
 }

@@ -64,7 +64,7 @@ pub struct RenderArgs {
     pub quiet: bool,
 }
 
-/// What is written.
+/// Destination of the figures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Target {
     /// One file.

@@ -34,7 +34,7 @@ impl Group {
     }
 }
 
-/// What a command is called with besides its arguments.
+/// Context in which a command is executed, besides its arguments.
 #[derive(Clone, Copy)]
 pub struct Call<'a> {
     /// Started with the program.

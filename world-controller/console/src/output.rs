@@ -46,7 +46,7 @@ pub enum OutputError {
         name: String,
         /// The cause.
         error: io::Error,
-        /// What to do about it.
+        /// Suggested fix.
         fix: &'static str,
     },
     /// Writing or renaming failed.
@@ -72,7 +72,7 @@ impl CommandError for OutputError {
     }
 }
 
-/// What makes two names the same file.
+/// Identity of a file. Two names with equal identities are the same file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Identity {
     /// An existing file: device and inode.
@@ -155,7 +155,7 @@ impl Outputs {
     }
 }
 
-/// What may exist at the destination before a file is written.
+/// Expected state of the destination before a file is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Before {
     Any,
@@ -323,7 +323,7 @@ fn directory(path: &Path) -> &Path {
     path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// What a path resolves to.
+/// Destination that a path resolves to, symbolic links followed.
 enum Place {
     /// A descriptor of this process.
     Descriptor(PathBuf),

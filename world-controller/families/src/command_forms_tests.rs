@@ -1,4 +1,4 @@
-//! What a page offers is a command of the run.
+//! Tests that every command form a page offers is a valid command of the run.
 
 use crate::{families, of as family_of};
 use metamorph_scenario::{Overrides, Plan};

@@ -1,5 +1,5 @@
-//! What exploration needs of a family: randomly generated swarms and goals that can be written as scenarios
-//! and made smaller. Absent: links and faults, which all families share (`explore`).
+//! Exploration support of a family: randomly generated swarms and goals that can be written as scenarios and made
+//! smaller. Absent: links and faults, which all families share (`explore`).
 
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::rng::Rng;

@@ -41,7 +41,7 @@ const BUILT_IN: &[&dyn Family] =
 const OTHER_AGENTS: &[(&str, &dyn Family)] =
     &[(free_module::walking::AGENT, &free_module::walking::WalkingFamily)];
 
-/// What exploration needs of a family.
+/// A family whose swarms exploration can generate at random.
 pub trait ExploredFamily: ScenarioFamily {
     /// Draws a swarm and its goals for exploration.
     fn generate(&self, dice: &mut Dice) -> Box<dyn GeneratedSwarm>;

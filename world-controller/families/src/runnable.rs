@@ -1,5 +1,5 @@
-//! What drivers and reports need of each family of modules: how to set up its world and director, and the
-//! result of a run.
+//! The interface between a family and the drivers and reports: setup of its world and director, and the result of a
+//! run.
 //!
 //! Absent: driving (`simulated`, `processes`) and the layout of reports (`report`).
 

@@ -27,7 +27,7 @@ use std::time::Duration;
 /// A callback with the scenario time and the progress of the run; returning false ends the run.
 pub type Watch<'w> = dyn FnMut(Time, &dyn Fn() -> Progress) -> bool + 'w;
 
-/// What the report of a run says of the machine; a run does not ask for it itself.
+/// Access to the machine for the report of a run. A run itself does not read the machine.
 pub trait Machine: Send + Sync {
     /// Returns the real time since the program started.
     fn elapsed(&self) -> Duration;
@@ -158,14 +158,14 @@ impl<R: Runnable, W: Audited, D: DirectorPort<W>> Run<R, W, D> {
     }
 }
 
-/// What a module is and does at an instant.
+/// State of a module at an instant.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ModuleState {
     /// The cell of its body; of bodies with several cells, the one at the connector that holds them.
     pub cell: Cell,
     /// Whether its process lives.
     pub is_alive: bool,
-    /// What its agent says of itself; of a dead one, the last state.
+    /// Latest summary of its agent; of a dead one, the last before its death.
     pub summary: Option<Summary>,
 }
 

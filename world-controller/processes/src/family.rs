@@ -154,7 +154,7 @@ pub fn read_text(origin: &str, text: &str, overrides: &Overrides) -> Result<Plan
     metamorph_runs::read_text(&SOURCES, origin, text, overrides)
 }
 
-/// What a journal holds.
+/// Content of a journal.
 pub struct Recorded {
     /// The plan of the run.
     pub plan: Plan,

@@ -67,9 +67,9 @@ pub struct Facts<'a> {
     pub tally: &'a Tally,
     /// Messages between agents, bodies and controller, not counted as protocol messages.
     pub body_messages: u64,
-    /// What passed between the controller and the agents; `None` if it was not counted.
+    /// Messages between the controller and the agents; `None` if they were not counted.
     pub control: Option<ControlCounts>,
-    /// What crossed between hosts, if there were several.
+    /// Messages that crossed between hosts, if there were several.
     pub crossings: Crossings,
     /// Violations kept, in order.
     pub violations: &'a [Violation],

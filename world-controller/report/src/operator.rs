@@ -1,4 +1,4 @@
-//! What an operator cost, as a section of the report.
+//! The section of the report on the cost of an operator.
 
 use metamorph_core::time::{Span, Time};
 use metamorph_kernel::director::operator::Operator;

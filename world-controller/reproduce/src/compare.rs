@@ -36,7 +36,7 @@ pub struct Reproduction {
     pub violations: u64,
     /// Each experiment.
     pub experiments: Vec<Comparison>,
-    /// What the thesis leaves open, and the assumption made instead.
+    /// Parameters that the thesis leaves open, each with the assumption made instead.
     pub unknown: Vec<String>,
     /// Readings of the text beside the tables; all other numbers are of the first.
     #[serde(default)]
@@ -83,7 +83,7 @@ pub struct Comparison {
     pub sums: Vec<Sum>,
     /// Statements of the thesis about it, and whether they hold here.
     pub claims: Vec<Claim>,
-    /// What the thesis leaves open in this experiment alone, and the assumption made instead.
+    /// Parameters that the thesis leaves open in this experiment alone, each with the assumption made instead.
     pub unknown: Vec<String>,
 }
 

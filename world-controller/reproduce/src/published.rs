@@ -29,7 +29,7 @@ impl Cell {
 /// A printed sum, and the sum of its cells.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Sum {
-    /// What is added up: `DL of PAR`, `CL of slope`.
+    /// Name of the sum: `DL of PAR`, `CL of slope`.
     pub what: String,
     /// The printed sum.
     pub printed: u32,

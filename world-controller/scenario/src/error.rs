@@ -111,7 +111,7 @@ pub enum ScenarioError {
     /// An unknown name.
     #[error("unknown {what} `{got}`")]
     Name {
-        /// What the name is for.
+        /// Kind of thing that the name refers to.
         what: &'static str,
         /// The name.
         got: String,
@@ -123,7 +123,7 @@ pub enum ScenarioError {
     NotYet {
         /// The feature.
         what: String,
-        /// What to do instead.
+        /// Suggested alternative.
         instead: &'static str,
     },
     /// Not a command of an operator.
@@ -132,7 +132,7 @@ pub enum ScenarioError {
     /// A number outside its range.
     #[error("{what} is {got}, which is not between {low} and {high}")]
     Range {
-        /// What the number is for.
+        /// Quantity that the number stands for.
         what: &'static str,
         /// The number.
         got: String,

@@ -287,9 +287,9 @@ pub struct Words {
     pub part: &'static str,
     /// Several parts of a goal.
     pub cells: &'static str,
-    /// What prevents collisions between modules.
+    /// The mechanism that prevents collisions between modules.
     pub negotiation: &'static str,
-    /// What refuses impossible actions.
+    /// The instance that refuses impossible actions.
     pub body: &'static str,
     /// A predicate for a spare module that makes no progress, for example `is free`.
     pub idle: &'static str,

@@ -61,7 +61,7 @@ pub enum RawFault {
     World {
         /// The kind of fault, and that of its end.
         kinds: (&'static WorldFault, Option<&'static WorldFault>),
-        /// What it hits.
+        /// Part of the world or the goal that is hit.
         target: At<Target>,
         /// Start of the fault.
         from: At<Span>,

@@ -23,7 +23,7 @@ const READING: Span = Span::millis(1);
 const LEAST_SKEW: Span = Span::millis(5);
 const PAIR: &str = "hosts = [\"h1\", \"h2\"]";
 
-/// What is wrong with the hosts of a scenario.
+/// A problem with the hosts of a scenario.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum HostsProblem {
     /// A name that is not that of a host.

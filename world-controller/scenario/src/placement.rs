@@ -121,7 +121,7 @@ impl Graph {
         (crossing, order.iter().copied().filter(|module| near[*module]).collect())
     }
 
-    /// What moving a module to the other half saves.
+    /// Returns the number of crossing contacts that moving a module to the other half saves.
     fn gain(&self, module: usize, near: &[bool]) -> i64 {
         self.within(module).map(|other| if near[other] == near[module] { -1 } else { 1 }).sum()
     }

@@ -22,9 +22,9 @@ const FILE: &str = "{ file = { path = \"table.stl\", pitch = 10 } }";
 pub const UPS: [(&str, Up); 2] = [("z", Up::Z), ("y", Up::Y)];
 /// Which part of a configuration of VisibleSim is meant.
 pub const PARTS: [(&str, Part); 2] = [("blocks", Part::Blocks), ("targets", Part::Targets)];
-/// What to do with parts thinner than a cell.
+/// Treatment of parts thinner than a cell, the default first; true if they are dropped.
 pub const THIN: [(&str, bool); 2] = [("refuse", false), ("drop", true)];
-/// What to do with inner voids.
+/// Treatment of inner voids, the default first; true if they are filled.
 pub const VOIDS: [(&str, bool); 2] = [("keep", false), ("fill", true)];
 /// The axis of a round shape.
 pub const AXES: [(&str, Axis); 3] = [("x", Axis::X), ("y", Axis::Y), ("z", Axis::Z)];

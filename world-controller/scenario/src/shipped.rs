@@ -130,7 +130,7 @@ impl<S: Sources> Sources for WithShipped<S> {
     }
 }
 
-/// What an argument names.
+/// Meaning of an argument that names a scenario.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Named {
     /// A file, which may be missing.

@@ -20,7 +20,7 @@ use std::sync::Arc;
 /// Version of the layout; raised on every change.
 pub const VERSION: u32 = 6;
 
-/// What a scene says of a run as a whole.
+/// Description of a run as a whole.
 #[derive(Clone, Debug)]
 pub struct Heading {
     /// The title.
@@ -41,7 +41,7 @@ pub struct Heading {
     pub changes: Vec<LinkChange>,
     /// The hosts, if there are several.
     pub hosts: Option<Arc<Hosts>>,
-    /// What can be commanded.
+    /// Commands that the run accepts.
     pub commands: Vec<CommandForm>,
 }
 

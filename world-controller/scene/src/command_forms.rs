@@ -1,4 +1,4 @@
-//! What a page must ask for before it can give a command: the verbs that a run knows, each with its parameters.
+//! Forms of the commands that a page can give: the verbs that a run knows, each with its parameters.
 
 use metamorph_kernel::director::faults::{Form, WorldFault};
 use metamorph_scenario::Plan;
@@ -30,13 +30,13 @@ use Parameter::{Cell, Lease, Modules, Number, Percent, Shift, Words};
 /// A command that can be given.
 #[derive(Clone, Debug, Serialize)]
 pub struct CommandForm {
-    /// What its text begins with.
+    /// First words of the command's text.
     pub verb: &'static str,
     /// True if the number of a module follows.
     pub of_module: bool,
-    /// What follows after that.
+    /// Parameters in the order of the text.
     pub parameters: Vec<Parameter>,
-    /// What it does, in a few words.
+    /// Short description of the effect.
     about: &'static str,
     /// Why the level of autonomy refuses it whatever its parameters are; none if it does not.
     pub refused: Option<String>,
@@ -53,7 +53,7 @@ const OF_MODULE: [Row; 6] = [
     ("stick", &[], "the joint sticks: moves fail"),
     ("unstick", &[], "the joint is free again"),
 ];
-/// What steers a module, of which a family knows some.
+/// Commands that steer a module. Each family knows some of them.
 const STEERING: [Row; 5] = [
     ("hold", &[Lease], "it stays where it is"),
     ("goto", &[Cell, Lease], "it goes there and stays"),
@@ -61,7 +61,7 @@ const STEERING: [Row; 5] = [
     ("swap", &[Number], "it and this other one do what the other was commanded"),
     ("release", &[], "it decides for itself again"),
 ];
-/// What befalls the links.
+/// Faults of the links, and their ends.
 const OF_LINKS: [Row; 4] = [
     ("loss", &[Percent, Lease], "that share of the messages is lost"),
     ("loss off", &[], "messages are lost as the scenario says"),

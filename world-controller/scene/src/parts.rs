@@ -79,7 +79,7 @@ pub fn centre(cell: Cell) -> Vector3<f64> {
 pub struct Motion {
     /// Its duration.
     pub takes: Span,
-    /// What the module does, as in "module 3 slides".
+    /// Description of the motion, as in "module 3 slides".
     pub name: String,
     /// The segments in order; empty if the body stays as it is, as when a gripper closes.
     pub segments: Vec<Segment>,

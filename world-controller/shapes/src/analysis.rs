@@ -1,4 +1,4 @@
-//! What the pairing says of a drawing: modules, cells left over, reasons, repairs, splits. The command `shape --modules`
+//! Analysis of a drawing by pairing: modules, cells left over, reasons, repairs, splits. The command `shape --modules`
 //! and the studio give the same answer.
 
 use metamorph_core::lattice::Cell;

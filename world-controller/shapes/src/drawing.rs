@@ -26,7 +26,7 @@ struct Written {
     pins: Vec<Spanned<Pin>>,
 }
 
-/// What a drawing says.
+/// Content of a drawing file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Drawing {
     /// At least one.

@@ -13,10 +13,10 @@ const HEADER: usize = 8;
 /// Bytes of a chunk before its content: its name, and the lengths of its content and of the chunks in it.
 const CHUNK: usize = 12;
 
-/// What is counted of a scene.
+/// Name of the count of a scene's nodes, in errors.
 const NODES: &str = "nodes, each counted as often as it is used";
 
-/// What the chunks of a file hold.
+/// Counts of the content of a file's chunks.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct Counts {
     models: usize,

@@ -68,7 +68,7 @@ impl Posted {
     }
 }
 
-/// What is known of a session.
+/// State of a session.
 #[derive(Debug)]
 struct Session {
     operator: u16,

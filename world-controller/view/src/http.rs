@@ -143,9 +143,9 @@ pub async fn json_body(
     }
 }
 
-/// What a server answers.
+/// A site that a server serves.
 pub trait Site: Send + Sync + 'static {
-    /// What a page may load, and who may embed it.
+    /// Returns the content security policy: the sources a page may load, and the sites that may embed it.
     fn policy(&self) -> &'static str;
     /// Answers a request that has not been checked yet. `is_drawing` is set while a figure is drawn.
     fn answer(

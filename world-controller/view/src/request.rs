@@ -99,7 +99,7 @@ fn switch(text: &str) -> Result<bool, &'static str> {
     }
 }
 
-/// What kind of file is written.
+/// Kind of file to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Vectors.
@@ -252,7 +252,7 @@ pub enum Command {
     Render {
         /// The scenario or the journal.
         source: String,
-        /// What is changed in the scenario.
+        /// Options that change the scenario.
         options: Vec<String>,
     },
     /// By the command that repeats it; the figure cannot be made from a file.
@@ -327,7 +327,7 @@ impl<'a> Source<'a> {
 pub struct File {
     /// The content.
     pub data: Vec<u8>,
-    /// What it shows, in a few words.
+    /// Short description of the content.
     pub shown: String,
 }
 

@@ -8,7 +8,7 @@ use metamorph_scene::shared::Shared;
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// What is drawn of a run besides its scene: its bodies, and where it comes from.
+/// Data of a run that its figures need besides the scene: the bodies, and the origin.
 #[derive(Clone)]
 pub struct Subject {
     swarm: Arc<Mutex<Box<dyn ShownSwarm + Send>>>,

@@ -1,4 +1,4 @@
-//! What the code of a protocol may do during a call: send, set its timer, move, report, draw random numbers.
+//! The context of a call into a protocol: sending, the timer, movement, reports and random numbers.
 
 use super::agent::PyAgent;
 use super::message::{Payload, counter_class};

@@ -1,4 +1,4 @@
-//! What all agents of one run share: the class with its parameters, its messages, and what they have reported.
+//! State shared by all agents of one run: the class with its parameters, its messages, and the reports so far.
 
 use super::message::{MessageType, Payload};
 use super::spec::Spec;
@@ -23,7 +23,7 @@ pub struct Overridden {
     pub state: bool,
 }
 
-/// What all agents of one run share.
+/// State shared by all agents of one run.
 pub struct Setup {
     pub spec: Arc<Spec>,
     /// The class with the parameters of this run.

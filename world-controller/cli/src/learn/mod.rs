@@ -157,7 +157,7 @@ impl CommandError for LearnError {
     }
 }
 
-/// What the command line asks for.
+/// Study, seeds and start that the arguments describe.
 struct Asked {
     study: Study,
     part: StudyPart,
@@ -208,7 +208,7 @@ pub fn learn(args: &LearnArgs, interrupt: &Interrupt) -> Result<u8, LearnError> 
     Ok(if done.map(|run| run.trials.len() as u64).sum::<u64>() < wanted { ABORTED } else { 0 })
 }
 
-/// What to do about a structure that cannot have bodies.
+/// Fix for a structure that cannot have bodies.
 const BODIES: &str =
     "name a structure whose modules do not overlap, and a file with joints_deg if it has rings";
 

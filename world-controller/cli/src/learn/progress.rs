@@ -14,11 +14,11 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-/// What all runs have in common.
+/// Parameters that all runs of a study share.
 pub struct Runs<'a> {
     /// The trials.
     pub study: &'a Study,
-    /// What was asked for.
+    /// Description of the study in the gait file.
     pub part: &'a StudyPart,
     /// Where the learner begins.
     pub start: Option<Point>,

@@ -1,4 +1,4 @@
-//! What was learnt, as text.
+//! Results of a study as text.
 
 use metamorph_free_modules::gait::document::GaitFile;
 use metamorph_free_modules::gait::study::Study;

@@ -143,7 +143,7 @@ fn to_world(
     let kind = *world.get(dice.0.below(world.len().max(1) as u64) as usize)?;
     let target = match kind.form {
         Form::Cell if kind.harms => Target::Cell(draft.swarm.obstacle(dice)?),
-        // What ends something ends what has begun before.
+        // A command that ends a fault takes the cell of the latest fault that was drawn before.
         Form::Cell => before.iter().rev().find_map(|fault| match fault.what {
             Break::Command(Fault::World(_, target @ Target::Cell(_)), _) => Some(target),
             _ => None,

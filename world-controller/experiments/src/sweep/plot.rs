@@ -74,7 +74,7 @@ pub fn table(summary: &Summary, quantity: Quantity) -> Vec<Vec<String>> {
             }
         };
         row.extend(drawn.iter().map(f64::to_string));
-        // What was not measured is empty.
+        // Quantities that were not measured leave their columns empty.
         row.resize(table[0].len(), String::new());
         table.push(row);
     }

@@ -84,7 +84,7 @@ impl FamilyParts for CubeFamily {
 pub struct Cubes {
     /// The start cells; a module's number is its index.
     pub cells: Arc<[Cell]>,
-    /// What all agents share.
+    /// Constant parameters that all agents share.
     pub setup: Arc<Setup>,
 }
 

@@ -10,9 +10,9 @@ pub enum FreeModuleError {
     /// A start or a goal is not a structure.
     #[error("{reason}")]
     Structure {
-        /// What is wrong.
+        /// Description of the error.
         reason: String,
-        /// What to do.
+        /// Suggested fix.
         fix: String,
     },
     /// The goal has more or fewer modules than the start.
@@ -50,7 +50,7 @@ pub enum FreeModuleError {
     OffLattice {
         /// The module.
         module: usize,
-        /// What is wrong.
+        /// Description of the error.
         error: String,
     },
     /// A key or a value that belongs to the other model of bodies.

@@ -98,7 +98,7 @@ pub struct FreeModules {
     pub start: Configuration,
     /// How plans are made, and where they end.
     pub planner: Planner,
-    /// What all agents share.
+    /// Constant parameters that all agents share.
     pub setup: Arc<Setup>,
 }
 

@@ -27,12 +27,12 @@ use std::sync::Arc;
 pub const BODY: &str = "lattice";
 /// The only strategy.
 pub const STRATEGY: &str = "planned";
-/// What a turn may touch, the default first.
+/// Collision models of a turn by name, the default first. They differ in how close a turn may come to other bodies.
 pub const COLLISIONS: [(&str, Model); 3] =
     [("strict", Model::Strict), ("core", Model::Core), ("final", Model::Final)];
 /// Which connectors can connect, the default first.
 pub const CONNECTORS: [(&str, Connectors); 2] = [("all", Connectors::All), ("active", Connectors::Active)];
-/// What a plan minimizes, the default first.
+/// Cost functions of a plan by name, the default first.
 pub const OBJECTIVES: [(&str, Objective); 4] = [
     ("actions", Objective::Actions),
     ("connections", Objective::Connections),

@@ -157,7 +157,7 @@ fn rotation(text: &str) -> Option<LatticeRotation> {
     LatticeRotation::all().find(|r| r.face(Face::Up) == z && r.face(Face::East) == x)
 }
 
-/// What the checks of elements need besides them.
+/// Parameters of the swarm that the checks of elements depend on.
 pub struct Surroundings<'a> {
     pub floor: Floor,
     pub goals: &'a [Blueprint],

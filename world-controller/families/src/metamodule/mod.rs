@@ -126,7 +126,7 @@ pub struct Metamodules {
     pub poses: Vec<Pose>,
     /// Random starts rejected because a metamodule was enclosed.
     pub redrawn: u32,
-    /// What all agents share.
+    /// Constant parameters that all agents share.
     pub setup: Arc<Setup>,
     /// Times at which goals are replaced, with the new goal, sorted by time.
     pub changes: Arc<[(Time, u8)]>,

@@ -77,7 +77,7 @@ pub struct RawMetamodules {
     seed_authority: SeedAuthority,
     relocate: bool,
     detector: Option<At<bool>>,
-    /// What metamodules do where a plan leaves seeds unfilled.
+    /// Whether metamodules decide for themselves where a plan leaves seeds unfilled.
     fallback: Option<At<bool>>,
 }
 
@@ -109,7 +109,7 @@ pub fn seed_text(seed: &Seed) -> String {
     format!("{{ foot = [{}, {}], directions = [{}] }}", seed.foot.0, seed.foot.1, names.join(", "))
 }
 
-/// What metamodules do where a plan leaves seeds unfilled, the default first; true if they decide for themselves.
+/// Behaviour of metamodules where a plan leaves seeds unfilled, the default first; true if they decide for themselves.
 pub const FALLBACKS: [(&str, bool); 2] = [("negotiated", true), ("none", false)];
 /// Which instance opens seeds.
 pub const SEED_AUTHORITIES: [(&str, SeedAuthority); 2] =

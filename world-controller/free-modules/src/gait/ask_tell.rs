@@ -16,12 +16,12 @@ use std::fmt;
 /// A point in the unit box.
 pub type Point = Vec<f64>;
 
-/// What came of a point.
+/// Result of trying a point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scored {
     /// How good it is.
     pub fitness: f64,
-    /// What it does, as numbers from 0 to 1; used by [`Repertoire`] only.
+    /// Behaviour of the gait as coordinates from 0 to 1; used by [`Repertoire`] only.
     pub behaviour: Vec<f64>,
 }
 

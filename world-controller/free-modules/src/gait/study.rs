@@ -51,7 +51,7 @@ pub struct Trial {
     pub duty: Vec<f64>,
 }
 
-/// What the trials of a study have in common.
+/// Parameters that all trials of a study share.
 pub struct Study {
     /// The structure and the time.
     pub course: Course,

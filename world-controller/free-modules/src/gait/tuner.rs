@@ -29,7 +29,7 @@ pub struct Known {
     pub speed_mm_s: f64,
 }
 
-/// What gaits are chosen by.
+/// Parameters by which gaits are selected during a run.
 #[derive(Clone, Debug)]
 pub struct Choice {
     /// The structure, all of whose modules are active.

@@ -1,4 +1,4 @@
-//! What a plan consists of.
+//! Counts of the actions of a plan by kind.
 
 use super::document::Counts;
 use metamorph_protocol::assembly::action::Action;

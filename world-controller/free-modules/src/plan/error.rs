@@ -8,7 +8,7 @@ use metamorph_text::command_error::{BAD_USAGE, CommandError};
 use std::io;
 use thiserror::Error;
 
-/// What to do about a shape that is not understood.
+/// Fix for the name of a shape that cannot be parsed.
 const SHAPES: &str =
     "name a file, or line:N, loop:WxH, ell:N, zigzag:N, quadruped:4, quadruped:6 or tree:NxSEED";
 
@@ -20,9 +20,9 @@ pub enum PlanError {
     Option {
         /// The option.
         place: String,
-        /// What is wrong.
+        /// Description of the error.
         reason: String,
-        /// What to do.
+        /// Suggested fix.
         fix: String,
     },
     /// A name does not name a shape.
@@ -30,7 +30,7 @@ pub enum PlanError {
     Name {
         /// The option.
         place: String,
-        /// What is wrong.
+        /// Cause of the error.
         error: NameError,
     },
     /// A file cannot be read.
@@ -38,7 +38,7 @@ pub enum PlanError {
     Read {
         /// The option and the file.
         place: String,
-        /// What is wrong.
+        /// Cause of the error.
         error: io::Error,
         /// The name of the schema of such files.
         schema: &'static str,
@@ -48,7 +48,7 @@ pub enum PlanError {
     Format {
         /// The option, the file and the place in it.
         place: String,
-        /// What is wrong.
+        /// Description of the error.
         reason: String,
         /// The name of the schema.
         schema: &'static str,
@@ -58,7 +58,7 @@ pub enum PlanError {
     Structure {
         /// The option and the file.
         place: String,
-        /// What is wrong.
+        /// Cause of the error.
         error: StructureError,
     },
     /// A file by connectors does not describe a structure.
@@ -66,7 +66,7 @@ pub enum PlanError {
     Connections {
         /// The option and the file.
         place: String,
-        /// What is wrong.
+        /// Cause of the error.
         error: connected::StructureError,
     },
     /// A structure by connectors cannot have its joint values.
@@ -74,7 +74,7 @@ pub enum PlanError {
     Geometry {
         /// The option and the file.
         place: String,
-        /// What is wrong.
+        /// Cause of the error.
         error: GeometryError,
     },
     /// A plan fails its check: an action is impossible, or its effect or the cost is not what the file
@@ -83,9 +83,9 @@ pub enum PlanError {
     Check {
         /// The file and the action.
         place: String,
-        /// What is wrong.
+        /// Description of the error.
         reason: String,
-        /// What to do.
+        /// Suggested fix.
         fix: String,
     },
 }

@@ -115,7 +115,7 @@ fn parse<T: DeserializeOwned>(place: &str, text: &[u8], schema: &'static str) ->
     })
 }
 
-/// What every document has: the name of its format and the version.
+/// Header of every document: the name of its format and the version.
 #[derive(Deserialize)]
 struct Head {
     format: String,

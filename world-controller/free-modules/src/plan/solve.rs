@@ -72,7 +72,7 @@ pub struct Problem {
     pub rules: Rules,
     /// How it stands, in the terms of a plan file; the rules have the same.
     pub ground: Option<GroundEntry>,
-    /// What the cost is.
+    /// Cost function that the plan minimizes.
     pub objective: Objective,
     /// Who plans.
     pub planner: Planner,
@@ -101,7 +101,7 @@ enum Stop {
     Outside(Ended),
 }
 
-/// What all planners have in common.
+/// Common interface of all planners.
 trait Engine {
     fn advance(&mut self, work: u64) -> Step;
     fn progress(&self) -> Progress;

@@ -36,7 +36,7 @@ pub struct Dwell {
     now: Option<Time>,
 }
 
-/// What a sample changed.
+/// State of the tile that is pointed at, after a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Step {
     /// How long the tile that is pointed at has been held, at most [`DWELL`].

@@ -35,7 +35,7 @@ struct Sample {
     hand: [f64; 3],
 }
 
-/// What a sample means.
+/// Interpretation of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Pointed {
     /// The time of the sample in seconds.

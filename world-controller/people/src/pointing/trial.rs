@@ -18,7 +18,7 @@ const HEAD: f64 = 1.7;
 /// Distance from the head to the hand in metres.
 const ARM: f64 = 0.6;
 
-/// What is tried: lengths in metres.
+/// Parameters of a try. Lengths are in metres.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Setup {
     /// Standard deviation of each coordinate of head and hand, drawn anew in each sample.

@@ -1,4 +1,4 @@
-//! What pieces have to keep to, and which constraints a room violates (without the reach of metamodules, see `reach`).
+//! Constraints on the pieces of a room, and a check for violations (without the reach of metamodules, see `reach`).
 
 use super::model::{Area, Piece, Room};
 use super::walkway::Free;
@@ -97,7 +97,7 @@ pub struct Violation {
     pub pieces: Vec<String>,
     /// The cells where it is violated.
     pub cells: Vec<Cell>,
-    /// What is wrong.
+    /// Description of the violation.
     pub why: String,
     /// The pieces by number.
     #[serde(skip)]

@@ -21,7 +21,7 @@ pub struct Description {
     keep_out: Vec<Block>,
     store: Option<Area>,
     spare: usize,
-    /// What pieces are made of; each once.
+    /// The forms of all pieces, each listed once.
     forms: Vec<FormOf>,
     pieces: Vec<PieceOf>,
     /// Metamodules of all pieces.
@@ -68,7 +68,7 @@ struct ConstraintOf {
     /// Its number in the file, from 1; none for those that always hold.
     number: Option<usize>,
     kind: &'static str,
-    /// What it asks for.
+    /// The requirement in words.
     text: String,
     /// The pieces that it names.
     pieces: Vec<String>,
@@ -78,7 +78,7 @@ struct ConstraintOf {
     state: State,
 }
 
-/// What is known of a constraint.
+/// Result of the check of a constraint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 enum State {

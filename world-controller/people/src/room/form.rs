@@ -1,4 +1,4 @@
-//! What a piece is made of: cells, and the metamodules that fill them, in four turns.
+//! The form of a piece: its cells, and the metamodules that fill them, in four rotations.
 
 use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::metamodule::blueprint::{Seed, box_of_four, chair_of_six};
@@ -41,7 +41,7 @@ pub struct Turned {
     pub levels: Vec<Vec<Seed>>,
 }
 
-/// What a piece is made of.
+/// The form of a piece in its four rotations.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Form {
     turns: [Turned; 4],

@@ -127,7 +127,7 @@ impl Placement {
 pub struct Piece {
     /// Its name.
     pub name: String,
-    /// What it is made of.
+    /// Form of the piece.
     pub form: Arc<Form>,
     /// Where it stands.
     pub place: Placement,
@@ -184,9 +184,9 @@ pub struct Room {
     pub store: Option<Area>,
     /// Metamodules that are left when all is built.
     pub spare: usize,
-    /// What stands in it.
+    /// Pieces in the room.
     pub pieces: Vec<Piece>,
-    /// What the pieces have to keep to, besides `inside` and `apart`.
+    /// Constraints on the pieces, in addition to `inside` and `apart`.
     pub constraints: Vec<Constraint>,
 }
 

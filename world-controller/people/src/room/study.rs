@@ -54,7 +54,7 @@ pub struct Session {
     pub samples: u64,
     /// The length of the eye's path in metres.
     pub path_m: f64,
-    /// What stands in the room at the end.
+    /// Pieces in the room at the end of the session.
     pub pieces: BTreeMap<String, Placed>,
     /// The measures in metres; `None` without a table or with fewer than two other pieces.
     pub precision: Option<Precision>,

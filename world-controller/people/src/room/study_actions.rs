@@ -1,4 +1,4 @@
-//! What a person has done with the pieces of a room, from how they stood before and how they stand after.
+//! Actions of a person on the pieces of a room, derived from the arrangements before and after.
 
 use super::constraint::Rule;
 use super::model::{CELL_M, Colour, Piece, Room};
@@ -33,7 +33,7 @@ impl Standing {
         self.colour.name().to_owned()
     }
 
-    /// What is done to a piece that stands like this, and like `after` then.
+    /// Returns the actions that change a piece from this standing to `after`.
     fn actions(self, after: Standing) -> impl Iterator<Item = Action> {
         let (x, y) = (self.centre2.0.abs_diff(after.centre2.0), self.centre2.1.abs_diff(after.centre2.1));
         let is_turned = self.turn != after.turn;

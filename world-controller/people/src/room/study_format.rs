@@ -47,7 +47,7 @@ pub struct Head {
     pub mobility: Mobility,
     /// The name of the piece in the middle.
     pub table: String,
-    /// What stands in the room at first.
+    /// Pieces in the room at the start of the session.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub pieces: BTreeMap<String, Placed>,
 }
@@ -62,7 +62,7 @@ pub struct Placed {
     pub colour: Option<String>,
 }
 
-/// What a person does with pieces.
+/// An action of a person on pieces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Action {
@@ -90,7 +90,7 @@ pub enum Action {
 pub struct Event {
     /// Seconds since the beginning.
     pub t: f64,
-    /// What is done.
+    /// The action, if the event is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub action: Option<Action>,
     /// The piece that it is done to.

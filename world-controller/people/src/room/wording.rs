@@ -1,4 +1,4 @@
-//! What constraints ask for, in words, and which pieces they are about.
+//! Constraints in words, and the pieces that each constraint refers to.
 
 use super::constraint::{Axis, Rule};
 use super::model::Room;

@@ -54,7 +54,7 @@ struct Drawing {
     shown: Vec<[Cell; 2]>,
 }
 
-/// What is analysed.
+/// The part of a drawing that an analysis works on.
 struct Taken {
     cells: BTreeSet<Cell>,
     pins: Vec<Pin>,
@@ -71,7 +71,7 @@ pub struct Analyses {
 }
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // What it guards is whole between any two statements that can panic.
+    // Poisoning is ignored: no statement that can panic leaves the value half changed.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 

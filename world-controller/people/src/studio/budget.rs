@@ -11,7 +11,7 @@ pub const LONGEST: Duration = Duration::from_secs(2);
 /// Questions from one look at the clock to the next, where a question is about little work.
 const LOOK_EVERY: u32 = 32;
 
-/// What is left of the time of an analysis on this thread.
+/// Remaining time of an analysis on this thread.
 #[derive(Debug)]
 pub struct Budget {
     cancelled: Arc<AtomicBool>,

@@ -37,7 +37,7 @@ struct Order {
     shutdown: Shutdown,
 }
 
-/// What is known of the latest run.
+/// State of the latest run.
 #[derive(Debug, Default)]
 struct State {
     order: Option<Order>,

@@ -1,4 +1,4 @@
-//! What is in files that a person opens: on the command line, under `--dir`, or sent by the page.
+//! Reading of files that a person opens: on the command line, under `--dir`, or sent by the page.
 
 use super::StudioError;
 use super::analyses::MAX_CELLS;
@@ -22,7 +22,7 @@ use toml::de::DeTable;
 /// Length of the longest side of a solid, in cells.
 const CELLS: u16 = 16;
 
-/// What a file has.
+/// Content of an opened file.
 #[derive(Clone, Debug)]
 pub enum Opened {
     /// Cells.
@@ -40,7 +40,7 @@ pub struct OpenedDrawing {
     pub cells: Vec<Cell>,
     /// The pins of a drawing.
     pub pins: Vec<Pin>,
-    /// What was left out, as text.
+    /// Note about content that was left out.
     pub note: Option<String>,
 }
 

@@ -111,7 +111,7 @@ pub enum StudioError {
         file: String,
         /// The reason.
         why: String,
-        /// What to do about it.
+        /// Suggested fix.
         fix: &'static str,
     },
     /// The page cannot be served.

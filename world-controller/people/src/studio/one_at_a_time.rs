@@ -19,7 +19,7 @@ pub enum NoAnswer {
 /// Work in progress.
 #[derive(Debug, Default)]
 pub struct OneAtATime {
-    /// What cancels the latest work of each page; the page heard of last is the last one.
+    /// Cancellation flag of the latest work of each page, by the page's name. The most recently active page is last.
     latest: Mutex<Vec<(String, Arc<AtomicBool>)>>,
     one: tokio::sync::Mutex<()>,
 }
@@ -52,7 +52,7 @@ impl OneAtATime {
     /// Cancels what the page has asked for before.
     fn begin(&self, page: &str) -> Arc<AtomicBool> {
         let cancelled = Arc::new(AtomicBool::new(false));
-        // What it guards is whole between any two statements that can panic.
+        // Poisoning is ignored: no statement that can panic leaves the value half changed.
         let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(place) = latest.iter().position(|(name, _)| name == page) {
             latest.remove(place).1.store(true, Ordering::Relaxed);

@@ -1,6 +1,6 @@
-//! What `--study` records of one page: a page sends the text of a room after each change, what is chosen, and where the
-//! eye is. What was done to pieces is derived here, and the lines are checked by the reader of session logs before they
-//! are written. Absent: the format, which is that of `room`.
+//! The session log that `--study` records of one page. The page sends the text of the room after each change, the
+//! chosen pieces, and the position of the eye. Actions on pieces are derived here, and the reader of session logs
+//! checks the lines before they are written. Absent: the format, which is that of `room`.
 
 use super::site::{Response, ok, read_of_page, wrong};
 use crate::room::model::{MAX_PIECES, Room};
@@ -27,7 +27,7 @@ struct Asked {
     version: u16,
     /// The name that the page draws at random when it is loaded.
     session: String,
-    /// What was done before the room was changed.
+    /// Events that happened before the room was changed.
     #[serde(default)]
     events: Vec<Seen>,
     /// The room after a change.
@@ -43,7 +43,7 @@ struct Changed {
     text: String,
 }
 
-/// What only the page knows.
+/// An event that cannot be derived from the text of the room.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 enum Seen {
@@ -77,7 +77,7 @@ struct Recorded {
     session: Session,
 }
 
-/// What the log says so far.
+/// State of the session according to the log so far.
 #[derive(Clone, Debug)]
 struct Session {
     log: Log,
@@ -126,7 +126,7 @@ impl Recording {
             let why = format!("a request has at most {MAX_EVENTS} events");
             return Err(refused(StatusCode::PAYLOAD_TOO_LARGE, &why));
         }
-        // What it guards is whole between any two statements that can panic.
+        // Poisoning is ignored: no statement that can panic leaves the value half changed.
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if state.page.as_ref().is_some_and(|page| page.name != asked.session) {
             let why = "another page is recorded, or this one was before it was loaded again; start the studio with \
@@ -207,7 +207,7 @@ impl Session {
         for event in self.pieces.actions(&after, t) {
             self.write(event, lines)?;
         }
-        // What is taken out is chosen no longer, which is no action of its own.
+        // A piece that was removed is no longer chosen. That is not an action of its own.
         self.chosen.retain(|name| after.has(name));
         self.pieces = after;
         Ok(())

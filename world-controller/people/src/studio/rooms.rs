@@ -82,15 +82,15 @@ struct Asked {
     revision: u64,
     /// The text of the room file.
     room: String,
-    /// What is changed first.
+    /// Edits to apply before the question is answered.
     #[serde(default)]
     edits: Vec<Edit>,
-    /// What is wanted besides a check.
+    /// Question to answer in addition to a check.
     #[serde(default)]
     ask: Question,
 }
 
-/// What is wanted.
+/// Question about a room.
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Question {
@@ -105,7 +105,7 @@ enum Question {
     Snap(String),
 }
 
-/// What answers requests about rooms.
+/// Answers requests about rooms, one at a time.
 #[derive(Debug, Default)]
 pub struct Rooms {
     drawings: Arc<Drawings>,

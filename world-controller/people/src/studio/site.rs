@@ -1,4 +1,4 @@
-//! What the studio answers: its page, the page of the latest run below `run/`, and requests with the secret.
+//! Site of the studio: its page, the page of the latest run below `run/`, and requests that carry the secret.
 
 use super::VERSION;
 use super::analyses::{Analyses, MAX_CELLS};

@@ -1,4 +1,4 @@
-//! What is started: the scenario and the plan of a drawing, or of a room.
+//! Start of a run from the studio: the scenario and the plan of a drawing or of a room.
 
 use super::VERSION;
 use super::budget::Budget;
@@ -39,7 +39,7 @@ pub struct Start {
     room: Option<String>,
     /// The kind of the metamodules that build a room.
     kind: Option<KindArg>,
-    /// What carries messages.
+    /// Link that carries the messages.
     link: Link,
     /// Whether only the scenario is wanted.
     #[serde(default)]

@@ -9,7 +9,7 @@ use crate::control::SharedQueue;
 use metamorph_console::shutdown::Shutdown;
 use metamorph_sim_bridge::kernel::recording::Log;
 
-/// What connects a run with the page that shows it; nothing by default.
+/// Channels between a run and the page that shows it; none by default.
 #[derive(Clone, Default)]
 pub struct PageChannels {
     /// Takes what happens in the run.

@@ -38,14 +38,14 @@ pub enum Event {
     Shutdown(Urgency),
 }
 
-/// What the hosts of a swarm have counted besides its agents.
+/// Counts of the hosts of a swarm, apart from those of its agents.
 #[derive(Clone, Debug)]
 pub struct HostsAccount {
     /// The fates of frames at hosts and on the links between them.
     pub counters: Vec<AgentCounters>,
     /// The hosts that were lost, so that their counts are missing.
     pub missing: Vec<HostId>,
-    /// What has crossed between hosts.
+    /// Messages that crossed between hosts.
     pub crossings: Crossings,
 }
 

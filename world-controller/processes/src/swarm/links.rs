@@ -119,7 +119,7 @@ pub fn raise_descriptor_limit(agents: u64) -> Result<(), SwarmError> {
 /// Raises the limit of descriptors as far as `agents` agents of a daemon can use it, and returns the number of agents for
 /// which it suffices. A daemon keeps all links open, since frames of other hosts arrive at any time.
 pub fn room_of_daemon(agents: u64) -> u64 {
-    // What could not be raised bounds the room.
+    // If the limit cannot be raised, the current one bounds the number of agents.
     let _ = raise(0, all_open(agents));
     room_within(allowed()).min(agents)
 }

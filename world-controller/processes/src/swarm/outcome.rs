@@ -86,7 +86,7 @@ pub struct SwarmOutcome {
     pub interrupted: bool,
     /// Why the swarm was ended early, if shared memory ran short.
     pub shortage: Option<String>,
-    /// What crossed between hosts; empty if there is one only.
+    /// Messages that crossed between hosts; empty if there is only one host.
     pub crossings: Crossings,
 }
 

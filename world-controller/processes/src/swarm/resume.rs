@@ -85,7 +85,7 @@ pub struct Resumption<A: Agent> {
     pub restarting: BTreeSet<ModuleId>,
     /// True if the director had ended the run, so that only its agents remain to be ended.
     pub finishing: bool,
-    /// What the director had changed about the links between modules.
+    /// Changes of the director to the links between modules.
     pub links: LinkChanges,
     /// The counts of the controller.
     pub counted: Counted,

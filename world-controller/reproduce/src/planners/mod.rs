@@ -35,7 +35,7 @@ pub const SCHEMA: u32 = 1;
 /// A published figure and ours.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// What is counted.
+    /// Name of the figure.
     pub what: String,
     /// As printed; empty if nothing is.
     pub published: String,
@@ -48,11 +48,11 @@ pub struct Row {
 pub struct PlannerTable {
     /// The name on the command line.
     pub name: String,
-    /// What it is about.
+    /// Title of the table.
     pub title: String,
     /// The figures.
     pub rows: Vec<Row>,
-    /// What could not be compared, and other remarks.
+    /// Remarks, among them the figures that could not be compared.
     pub notes: Vec<String>,
 }
 

@@ -44,7 +44,7 @@ fn exact(space: &OnGrid, from: Standing) -> Option<u32> {
     search(space, from).0
 }
 
-/// What replanning and whole searches made of edits of a floor.
+/// Results of replanning and of complete searches after edits of a floor.
 #[derive(Default)]
 struct Replanning {
     edits: u64,
@@ -111,7 +111,7 @@ impl Replanning {
     }
 }
 
-/// What both planners made of a set of trials.
+/// Results of both planners over a set of trials.
 #[derive(Default)]
 struct Outcomes {
     trials: u64,

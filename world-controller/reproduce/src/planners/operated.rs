@@ -1,5 +1,5 @@
-//! What an operator costs (thesis, appendix E): the strategies with and without a scripted operator, and how many swarms
-//! one operator serves.
+//! The cost of an operator (thesis, appendix E): the strategies with and without a scripted operator, and the number of
+//! swarms that one operator serves.
 
 mod team;
 
@@ -27,7 +27,7 @@ const SIZES: [u64; 6] = [1, 2, 4, 8, 16, 32];
 /// The share of the efficiency with one swarm that counts as the same.
 const EFFICIENT: f64 = 0.9;
 
-/// What goes wrong in a run.
+/// Faults and settings of a run.
 #[derive(Clone, Copy)]
 struct Trouble {
     name: &'static str,
@@ -54,7 +54,7 @@ const TROUBLES: [Trouble; 4] = [
     },
 ];
 
-/// What is claimed, and what was found.
+/// Claims of the thesis, each with the result found here.
 #[derive(Default)]
 struct Claims {
     rows: Vec<(String, String, String)>,

@@ -19,7 +19,7 @@ const CELLS: [usize; 3] = [12, 20, 40];
 /// Graphs drawn at most for one that is valid.
 const DRAWS: u64 = 1_000;
 
-/// What was counted over the drawn graphs.
+/// Counts over the drawn graphs.
 #[derive(Default)]
 struct Tally {
     valid: u64,

@@ -100,7 +100,7 @@ fn through(terrain: &Terrain, rng: &mut Rng) -> (Attachment, Attachment) {
 /// A way to draw a start and a goal.
 type Draw = fn(&Terrain, &mut Rng) -> (Attachment, Attachment);
 
-/// What the text leaves open.
+/// Choices that the text leaves open.
 struct Reading {
     /// Moves added for each earlier visit of a connector.
     penalty: u32,

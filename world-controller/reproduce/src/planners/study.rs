@@ -69,7 +69,7 @@ const CONDITIONS: [(&str, Representation, Mobility); 4] = [
     ("augmented, dynamic", Representation::Augmented, Mobility::Dynamic),
 ];
 
-/// What the text of chapter 8 counts besides.
+/// Other counts in the text of chapter 8.
 const COUNTS: [(&str, &str); 8] = [
     ("people; women; mean age", "24; 8; 27.3"),
     ("small, medium, large displacements (table 8.3): virtual, dynamic", "2, 1, 9"),

@@ -27,7 +27,7 @@ const GRAMS: u32 = 250;
 /// Weights of the lower bound in hundredths. The first finds a plan soon, the second one with fewer connections.
 const WEIGHTS: [u32; 2] = [500, 200];
 
-/// What the planner made of the worlds of one probability.
+/// Results of the planner over the worlds of one probability.
 #[derive(Default)]
 struct Outcomes {
     worlds: u64,

@@ -1,4 +1,5 @@
-//! What a figure shows of a snapshot: the chosen solids in painter's order, the goal, and the colour of each module.
+//! Composition of a figure from a snapshot: the chosen solids in painter's order, the goal, and the colour of each
+//! module.
 
 use super::camera::{P, View};
 use super::links::LinkKind;
@@ -17,7 +18,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// A run as figures see it.
 pub struct Subject<'a> {
-    /// What is shown, and how.
+    /// Content and appearance of the figure.
     pub style: &'a Style,
     /// The projection of its camera.
     pub view: View,
@@ -27,7 +28,7 @@ pub struct Subject<'a> {
     pub floor: Option<Floor>,
 }
 
-/// What all pictures of a figure have in common, so that an animation stays still.
+/// Properties that all pictures of a figure share, so that an animation stays still.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Extent {
     /// The lowest and the highest projected coordinates.
@@ -50,7 +51,7 @@ pub struct Extent {
     pub waits: bool,
 }
 
-/// What a module's colour says.
+/// Meaning of a module's colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Meaning {
     /// Its state.

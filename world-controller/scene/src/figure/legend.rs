@@ -1,4 +1,4 @@
-//! What explains a picture, in a strip below it: the directions x, y and z, a scale bar, and the colours.
+//! The legend, in a strip below the picture: the directions x, y and z, a scale bar, and the colours.
 
 use super::camera::P;
 use super::composition::{Extent, Subject};

@@ -19,7 +19,7 @@ const ASIDE: f64 = 0.09;
 /// Length of the head of an arrow, in edges of a cell.
 const HEAD: f64 = 0.34;
 
-/// What a line says.
+/// Meaning of a line between modules.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LinkKind {
     /// Modules are side by side.
@@ -38,7 +38,7 @@ pub enum LinkKind {
 /// A line between the centres of two modules.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Link {
-    /// What it says.
+    /// Meaning of the line.
     pub kind: LinkKind,
     /// Where it begins.
     from: V,

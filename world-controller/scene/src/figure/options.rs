@@ -11,7 +11,7 @@ use std::str::FromStr;
 /// Points in a millimetre.
 const POINTS_PER_MM: f64 = 72.0 / 25.4;
 
-/// What a figure shows, and how.
+/// Content and appearance of a figure.
 #[derive(Clone, Debug)]
 pub struct Style {
     /// The camera.
@@ -24,7 +24,7 @@ pub struct Style {
     pub only: Only,
     /// The planes beyond which cells are removed.
     pub sections: Vec<Section>,
-    /// What colours mean.
+    /// Meaning of the colours of modules.
     pub color: ColorBy,
     /// How the goal is drawn.
     pub goal: GoalStyle,
@@ -36,7 +36,7 @@ pub struct Style {
     pub legend: bool,
     /// The title; `{t}` stands for the time.
     pub title: Option<String>,
-    /// What is written on modules.
+    /// Labels on modules.
     pub labels: Labels,
     /// The lines that are drawn between modules.
     pub links: BTreeSet<Links>,

@@ -79,7 +79,7 @@ pub struct Picture {
     pub width: String,
     /// The background.
     pub background: Option<Rgb>,
-    /// What it shows, as text.
+    /// Title of the picture, as plain text.
     pub title: String,
     /// How it was made.
     pub description: String,

@@ -30,7 +30,7 @@ pub struct Body {
     pub parts: Vec<Part>,
     /// True while it carries out an action.
     pub moving: bool,
-    /// What it last reported.
+    /// Its latest report.
     pub view: Option<ModuleView>,
     /// Its process.
     pub process: Process,

@@ -44,7 +44,7 @@ pub enum Owner {
 pub struct Solid {
     /// Whose it is.
     pub owner: Owner,
-    /// What is seen of it, from back to front.
+    /// Visible faces, from back to front.
     pub facets: Vec<Facet>,
     /// The corners of its bounding box.
     pub bounds: [V; 2],

@@ -91,7 +91,7 @@ pub struct Link {
     pub name: String,
     /// Its pose in the world.
     pub pose: Isometry3<f64>,
-    /// What it consists of.
+    /// The solids that the link consists of.
     pub solids: Vec<Solid>,
 }
 
@@ -129,7 +129,7 @@ impl Link {
     }
 }
 
-/// What a joint allows.
+/// Degree of freedom of a joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Motion {
     /// Nothing.
@@ -145,7 +145,7 @@ pub struct Joint {
     pub parent: Option<usize>,
     /// The number of the other link.
     pub child: usize,
-    /// What it allows.
+    /// Degree of freedom.
     pub motion: Motion,
 }
 

@@ -14,9 +14,9 @@ pub enum WalkError {
     /// The start, or a gait file, is wrong.
     #[error("{reason}")]
     File {
-        /// What is wrong.
+        /// Description of the error.
         reason: String,
-        /// What to do.
+        /// Suggested fix.
         fix: String,
     },
     /// The start is neither a name nor a file.
@@ -36,11 +36,11 @@ pub enum WalkError {
     Quantity {
         /// The key.
         what: &'static str,
-        /// What is written.
+        /// The value as written.
         got: String,
         /// The unit.
         unit: &'static str,
-        /// What is possible.
+        /// The valid range.
         range: RangeInclusive<f64>,
     },
     /// A turn that is none, or one without a speed of which it is a share.

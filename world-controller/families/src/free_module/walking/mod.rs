@@ -106,9 +106,9 @@ pub struct Walk {
     pub choice: Arc<Choice>,
     /// How long a gait is tried.
     pub trial: Span,
-    /// What is asked.
+    /// Goal of the walk.
     pub goal: Goal,
-    /// What all agents share.
+    /// Constant parameters that all agents share.
     pub setup: Arc<Setup>,
 }
 

@@ -45,7 +45,7 @@ pub struct AssemblyDocument {
 /// A bundle that is placed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BundleEntry {
-    /// What is placed: seeds and elements.
+    /// Names of the seeds and elements that the bundle places.
     pub items: Vec<String>,
     /// The bundles, from 1, that must be placed before.
     pub after: Vec<usize>,

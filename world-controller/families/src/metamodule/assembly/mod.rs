@@ -22,7 +22,7 @@ use metamorph_protocol::metamodule::planning::transport::foot;
 use metamorph_protocol::plan::and_or::Items;
 use metamorph_scenario::Plan;
 
-/// What was planned, for the document and the text.
+/// Result of planning, from which the document and the text are made.
 struct Planned<'a> {
     swarm: &'a Metamodules,
     structure: Structure,

@@ -60,7 +60,7 @@ impl<A: Agent> Default for Replayed<A> {
     }
 }
 
-/// What was re-executed.
+/// Number of items that a replay has executed, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Done {
     /// Records.
@@ -278,7 +278,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
                 }
                 self.world.start(at, *id, *incarnation);
                 self.current.insert(*id, *incarnation);
-                // What the controller sends from now on is for this incarnation.
+                // Messages that the controller sends from here on are for this incarnation.
                 self.incarnations.entry((*id, *incarnation)).or_default().died = false;
             }
             Event::Act { id, revision, action, .. } => {

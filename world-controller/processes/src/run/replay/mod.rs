@@ -24,7 +24,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// What to replay.
+/// Options of a replay.
 #[derive(Clone, Debug)]
 pub struct Request {
     /// Path of the journal.
@@ -70,20 +70,20 @@ pub struct Difference {
     pub at: Time,
     /// Writer of the record.
     pub who: Who,
-    /// What is different.
+    /// Description of the difference.
     pub what: String,
 }
 
 /// The result of a replay.
 #[derive(Clone, Debug)]
 pub struct Replayed {
-    /// What was re-executed.
+    /// Number of items executed, by kind.
     pub done: Done,
     /// The first difference.
     pub difference: Option<Difference>,
     /// The damage that the replay ended at, if any.
     pub damage: Option<Damage>,
-    /// What is incomplete about the files.
+    /// Gaps in the files.
     pub troubles: Vec<String>,
     /// Messages sent and delivered, counted by the agents.
     pub tally: Tally,

@@ -37,7 +37,7 @@ pub struct Recovered<R: Runnable> {
     pub restarting: BTreeSet<ModuleId>,
     /// True if the director had ended the run.
     pub finishing: bool,
-    /// What the director had changed about the links between modules.
+    /// Changes of the director to the links between modules.
     pub links: LinkChanges,
     /// The controller's counts.
     pub counted: Counted,
@@ -56,7 +56,7 @@ pub enum RecoverError {
         number: u64,
         /// Time of the record.
         at: Time,
-        /// What is different.
+        /// Description of the difference.
         what: String,
     },
 }
@@ -92,7 +92,7 @@ pub fn recover<R: Runnable>(
     Ok(Recovered { world, director, struck, until, agents, latest, restarting, finishing, links, counted })
 }
 
-/// What the controller's records say about the agents' processes.
+/// State of the agents' processes according to the controller's records.
 struct Notes<A: Agent> {
     agents: BTreeMap<ModuleId, TakenOver<A>>,
     latest: Vec<Incarnation>,

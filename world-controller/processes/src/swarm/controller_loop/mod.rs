@@ -71,7 +71,7 @@ pub struct ControllerLoop<'a, W: World, D, B: Backend> {
     world: &'a mut W,
     director: &'a mut D,
     links: Links,
-    /// What the director has changed about the links between modules.
+    /// Changes of the director to the links between modules.
     link_changes: LinkChanges,
     /// Processes with waiting messages, each once.
     unsent: Vec<usize>,

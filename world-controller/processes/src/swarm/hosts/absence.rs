@@ -8,7 +8,7 @@ use metamorph_module_agent::run_dir::controller_lease::is_resumable;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// What is known of a controller that is not heard.
+/// Known state of a controller that is not heard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Absence {
     /// It lives, or is on another machine.

@@ -53,7 +53,7 @@ impl Backend for Hosts {
     type Clock = FileClock;
 }
 
-/// What transport, links and launcher share.
+/// State that transport, links and launcher share.
 #[derive(Debug)]
 struct Shared {
     node: Node<IceoryxLink>,

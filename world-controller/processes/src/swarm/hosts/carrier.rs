@@ -29,7 +29,7 @@ pub trait Carrier: Debug {
     fn send(&mut self, packet: Vec<u8>);
 }
 
-/// What a carrier reports. `number` tells the carriers of one host apart.
+/// An event on a carrier. `number` distinguishes the carriers of one host.
 #[derive(Debug)]
 pub enum CarrierEvent {
     /// A packet.
@@ -57,7 +57,7 @@ pub enum CarrierEvent {
     },
 }
 
-/// What has arrived on a connection.
+/// Input from a connection.
 #[derive(Debug)]
 pub enum Arrived {
     /// A packet.

@@ -1,5 +1,5 @@
-//! What the agents of a host and their controller have said to each other, as far as their daemon has passed it on. From it
-//! the daemon answers for its agents when another controller takes over, so that they need not notice.
+//! Conversations between the agents of a host and their controller, as far as their daemon has passed them on. When
+//! another controller takes over, the daemon answers for its agents from this record, so that they need not notice.
 
 use metamorph_module_agent::process::runtime_message::RuntimeMessage;
 use metamorph_module_agent::transport::AgentKey;

@@ -1,4 +1,4 @@
-//! What links between machines cost, as `metamorph bench` reports it.
+//! Costs of links between machines, as `metamorph bench` reports them.
 
 use serde::Serialize;
 

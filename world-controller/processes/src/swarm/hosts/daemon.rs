@@ -580,7 +580,7 @@ impl Share<'_> {
                     let frame = sent.shared(self.node.healed(HostId::CONTROLLER));
                     let answer = frame.and_then(|frame| self.conversations.tell(agent, &frame));
                     if let Some(here) = &answer {
-                        // What the agent has told the controller before is read from its journal.
+                        // Messages of the agent to the previous controller are read from its journal.
                         let written = self.written.as_mut().map(|written| written.since_takeover(agent));
                         for stretch in written.into_iter().flatten() {
                             self.node.tell(HostId::CONTROLLER, &ToController::Journal(stretch));

@@ -69,7 +69,7 @@ pub enum FleetError {
 /// The daemons of a run.
 #[derive(Debug)]
 pub struct Fleet {
-    /// What the controller's own host works with.
+    /// Assignment of the controller's own host.
     pub own: Assignment,
     /// The way to the daemons.
     pub reach: Reach,

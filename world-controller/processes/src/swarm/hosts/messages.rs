@@ -1,5 +1,5 @@
-//! What controller and daemons say to each other: the opening of a connection, then messages on the stream of the
-//! host link. All of it is bincode with a length before it. Not here: packets, which `protocol` lays out.
+//! Messages between controller and daemons: the opening of a connection, then messages on the stream of the host link.
+//! All of them are bincode, preceded by their length. Not here: packets, which `protocol` lays out.
 
 use super::address::Address;
 use super::parts::Stretch;
@@ -19,7 +19,7 @@ use std::io::{self, Read, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// What an opening begins with; the last byte is the version of this conversation.
+/// First bytes of an opening; the last one is the version of these messages.
 const MAGIC: [u8; 8] = *b"MMHOSTS\x04";
 /// Largest opening in bytes: it holds the swarm file, which has the same limit.
 const OPENING_LIMIT: usize = 257 << 20;
@@ -40,13 +40,13 @@ pub enum Opening {
         /// The other host.
         from: HostId,
     },
-    /// What does this host do?
+    /// Requests the status of the host.
     Status,
     /// Remove what killed runs have left here.
     Clean,
 }
 
-/// What a daemon is and does.
+/// Program, capacity and current work of a daemon.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HostStatus {
     /// The version of its program.
@@ -95,7 +95,7 @@ pub struct Assignment {
     pub verbose: bool,
 }
 
-/// What a controller says that has taken over a run.
+/// Opening message of a controller that has taken over a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Resuming {
     /// The number of the run.
@@ -128,9 +128,9 @@ pub enum Answer {
     },
     /// It does not, for this reason.
     Refused(String),
-    /// What it is and does.
+    /// The status of the daemon.
     Status(HostStatus),
-    /// What it has removed.
+    /// Description of the files that were removed.
     Cleaned(String),
 }
 
@@ -186,7 +186,7 @@ pub enum ToController {
     Journal(Stretch),
     /// No frame from this host to another is under way.
     Drained,
-    /// What the host itself has counted, and the protocol messages that went from it to each other host.
+    /// Counters of the host itself, and of the protocol messages that it has sent to each other host.
     Account(Box<Account>, BTreeMap<HostId, Tally>),
 }
 

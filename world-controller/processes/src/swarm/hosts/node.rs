@@ -100,7 +100,7 @@ pub struct Node<L> {
     changes: VecDeque<(HostId, State)>,
     /// The agents of this host.
     pub residents: Residents<L>,
-    /// What this host itself has done with frames, besides its links.
+    /// Fates of the frames at this host itself, apart from those on its links.
     tally: Tally,
     foreign: u64,
     crossed: BTreeMap<HostId, Tally>,

@@ -66,7 +66,7 @@ fn fix(error: &net::VisitError) -> &'static str {
     }
 }
 
-/// What a conversation with a daemon has shown.
+/// Result of contacting a daemon.
 pub struct Reached {
     /// Its answer.
     pub answer: Answer,

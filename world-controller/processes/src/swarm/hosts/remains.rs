@@ -1,4 +1,4 @@
-//! What is left of a share whose controller did not end it: the run's directory with the counts of this host and its agents.
+//! Remains of a share whose controller did not end it: the run's directory with the counts of this host and its agents.
 //! It is kept until the controller has taken them, or until no controller can want them any more.
 
 use crate::swarm::run_dir::RunDir;
@@ -54,7 +54,7 @@ impl fmt::Display for Ending {
     }
 }
 
-/// What is left of one share. The directory is removed when it is dropped.
+/// The remains of one share. The directory is removed when it is dropped.
 #[derive(Debug)]
 pub struct Remains {
     dir: RunDir,

@@ -1,6 +1,6 @@
-//! What a controller leaves to the one that takes over after its death: which hosts take part, where their daemons are, and
-//! the secret of the run. It is a file in the run's directory, which only this user can read, and another beside the parts of
-//! the journal, for a controller on another machine.
+//! Information that a controller leaves for the one that takes over after its death: the hosts that take part, the
+//! addresses of their daemons, and the secret of the run. It is a file in the run's directory, which only this user can
+//! read, and another beside the parts of the journal, for a controller on another machine.
 
 use super::messages::{Assignment, read_opening, write_opening};
 use super::{FleetError, HostsFile};
@@ -19,7 +19,7 @@ const NAME: &str = "hosts";
 /// The hosts of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Succession {
-    /// What the controller's own host works with.
+    /// Assignment of the controller's own host.
     pub own: Assignment,
     /// The run directories of the daemons; `None` on other machines.
     pub roots: BTreeMap<HostId, Option<PathBuf>>,

@@ -1,4 +1,4 @@
-//! What a host link over a network costs, beside bare zenoh with the same settings, between two sessions of this process:
+//! Cost of a host link over a network, beside bare zenoh with the same settings, between two sessions of this process:
 //! a part of `metamorph bench`.
 
 use super::keys::{Keys, KeysError, make};

@@ -19,7 +19,7 @@ const PATIENCE: Duration = Duration::from_secs(3);
 /// How long a daemon that refuses this host's certificate may take to say so.
 const VERDICT: Duration = Duration::from_millis(500);
 
-/// What is wrong with the way to a daemon.
+/// Fault in the connection to a daemon.
 #[derive(Debug, Error)]
 pub enum Fault {
     /// The name of the machine is unknown.
