@@ -16,9 +16,11 @@ use pyo3::types::PyBytes;
 use std::fmt::Display;
 use std::path::PathBuf;
 
-/// The numbers of states, besides those of roles, which are from 1 to 3.
+/// Code of a module whose state is unknown. The codes of roles are 1 to 3.
 const UNKNOWN: u8 = 0;
+/// Code of a paused module.
 const PAUSED: u8 = 4;
+/// Code of a dead module.
 const DEAD: u8 = 5;
 
 /// An event: time in nanoseconds, name, module, and a description.

@@ -19,7 +19,7 @@ use std::time::Duration;
 
 /// Time between two looks for signals.
 const PATIENCE: Duration = Duration::from_millis(50);
-/// Events between two looks at the clock.
+/// Number of events between two looks at the clock.
 const EVENTS: u64 = 256;
 
 fn json(value: &impl serde::Serialize) -> PyResult<String> {

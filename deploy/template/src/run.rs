@@ -24,6 +24,7 @@ pub struct Outcome {
     pub trace: Option<u64>,
 }
 
+/// Scenario time after which an election has failed.
 const MINUTE: Time = Time(60_000_000_000);
 
 fn plate(side: u16) -> StillWorld<Leader> {

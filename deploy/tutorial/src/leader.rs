@@ -55,6 +55,7 @@ impl Agent for Leader {
     type Percept = Never;
     type Order = Never;
     type Report = Lowest;
+    /// Number of faces of a cube.
     const PORTS: usize = 6;
 
     fn new(setup: &Arc<Setup>, birth: Birth<Cell>, now: Time) -> Leader {

@@ -19,13 +19,14 @@ use std::path::Path;
 use std::process::Stdio;
 use std::time::Duration;
 
-/// Processes of the ring.
+/// Number of processes in the ring.
 const MEMBERS: u32 = 50;
 /// Tokens in the ring.
 const TOKENS: [u32; 3] = [1, 50, 500];
-/// Duration of a measurement, and repetitions.
-const LONG: Duration = Duration::from_secs(1);
-const TIMES: usize = 3;
+/// Duration of a measurement in real time.
+const MEASUREMENT_TIME: Duration = Duration::from_secs(1);
+/// Number of repetitions of a measurement.
+const REPETITIONS: usize = 3;
 
 /// The result for one number of tokens.
 #[derive(Clone, Debug, Serialize)]
@@ -45,7 +46,7 @@ pub fn measure(live: &mut Live, on: &dyn Fn() -> Result<(), BenchError>) -> Resu
         live.show(|| format!("busy: {MEMBERS} processes, {}", many(u64::from(tokens), "token")));
         let (mut ours, mut socket) = (Vec::new(), Vec::new());
         // Alternating, so that other load affects both.
-        for _ in 0..TIMES {
+        for _ in 0..REPETITIONS {
             on()?;
             ours.push(ring(Mechanism::Ours, tokens)?);
             socket.push(ring(Mechanism::UnixSocket, tokens)?);
@@ -92,7 +93,7 @@ fn ring(mechanism: Mechanism, tokens: u32) -> Result<f64, BenchError> {
     }
     pass(end.as_mut(), tokens)?;
     let (watch, mut passed) = (Stopwatch::start(), 0u64);
-    while watch.elapsed() < LONG {
+    while watch.elapsed() < MEASUREMENT_TIME {
         let taken = take_all(end.as_mut(), mechanism)?;
         pass(end.as_mut(), taken)?;
         passed += u64::from(taken);

@@ -17,7 +17,7 @@ use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 
-/// Runs of each strategy.
+/// Number of runs of each strategy.
 pub const RUNS: u64 = 4_000;
 
 /// The result for one strategy.

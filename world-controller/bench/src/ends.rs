@@ -30,11 +30,11 @@ const START: Duration = Duration::from_secs(20);
 
 /// Requests that a message carries to the other end.
 pub mod ask {
-    /// Send a message back.
+    /// Code of a request to send a message back.
     pub const ECHO: u32 = 1;
-    /// Discard the message.
+    /// Code of a request to discard the message.
     pub const SWALLOW: u32 = 2;
-    /// End the process.
+    /// Code of a request to end the process.
     pub const STOP: u32 = 3;
 }
 

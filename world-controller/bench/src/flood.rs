@@ -30,8 +30,8 @@ const SIDES: [u16; 4] = [10, 22, 47, 100];
 /// The shortest and the longest delay. They differ by so little that a path with more hops is never the
 /// faster one, so that hop counts are exact.
 const DELAY: (Span, Span) = (Span::millis(100), Span(100_300_000));
-/// Messages delivered at least; small blocks are flooded repeatedly.
-const ENOUGH: u64 = 1_000_000;
+/// Smallest number of messages to deliver; small blocks are flooded repeatedly.
+const DELIVERED_MIN: u64 = 1_000_000;
 
 /// The result for one size.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -119,7 +119,7 @@ pub fn row(side: u16) -> Result<Row, BenchError> {
     let modules = u64::from(side).pow(3);
     let mut all: Vec<Flood> = Vec::new();
     let delivered = |all: &[Flood]| all.iter().map(|f| f.messages).sum::<u64>();
-    while delivered(&all) < ENOUGH || all.len() < 2 {
+    while delivered(&all) < DELIVERED_MIN || all.len() < 2 {
         all.push(flood(side)?);
     }
     let peak_bytes = peak_memory().saturating_sub(empty);

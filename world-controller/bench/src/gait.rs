@@ -37,9 +37,9 @@ const STRUCTURES: [(&str, Option<Ring>); 4] =
 const NETWORK: NetworkKind = NetworkKind::BlfSym;
 /// Time simulated.
 const TIME: Span = Span::secs(30);
-/// Part of it at the end in which messages are counted: phases are in lock.
+/// Time at the end of a simulation in which messages are counted, in s: phases are in lock then.
 const LOCKED: u64 = 10;
-/// Gaits that each learner asks for.
+/// Number of gaits that each learner asks for.
 const ASKED: usize = 120;
 /// The learners.
 const LEARNERS: [Method; 5] = [Method::Cma, Method::Bayes, Method::Pso, Method::Repertoire, Method::Random];

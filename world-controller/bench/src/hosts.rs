@@ -10,7 +10,7 @@ use metamorph_processes::swarm::{NetCost, NetCosts};
 use metamorph_text::paint::Paint;
 use serde::Serialize;
 
-/// Rounds; their medians are shown.
+/// Number of rounds; their medians are shown.
 #[cfg(feature = "hosts")]
 const ROUNDS: usize = 5;
 

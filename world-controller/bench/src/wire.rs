@@ -22,15 +22,15 @@ use std::time::Duration;
 
 /// Round trips timed together, because reading the clock costs time too.
 const BATCH: u32 = 16;
-/// Messages sent before the receiver is woken.
+/// Number of messages sent before the receiver is woken.
 const BURST: u32 = 16;
-/// Duration of each measurement.
-const LONG: Duration = Duration::from_secs(1);
-/// Polls after which a spinning end yields; the other end may need the processor. Enough that on a busy
-/// machine both ends run at the same time now and then.
-const LOOKS: u64 = 50_000;
-/// Polls after which the other process counts as gone: minutes of spinning.
-const PATIENCE: u64 = 1 << 36;
+/// Duration of each measurement in real time.
+const MEASUREMENT_TIME: Duration = Duration::from_secs(1);
+/// Number of polls after which a spinning end yields; the other end may need the processor. Large enough that on a busy
+/// machine both ends sometimes run at the same time.
+const SPINS_MAX: u64 = 50_000;
+/// Number of polls after which the other process counts as gone: minutes of spinning.
+const SILENT_POLLS_MAX: u64 = 1 << 36;
 
 /// The transport of messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -162,7 +162,7 @@ fn send(end: &mut dyn End, mode: Mode, message: u32) -> Result<(), BenchError> {
             }
             Mode::Polling => look_again(tries),
         }
-        if tries > PATIENCE {
+        if tries > SILENT_POLLS_MAX {
             return Err(BenchError::Part("does not receive any more".to_owned()));
         }
         tries += 1;
@@ -171,11 +171,11 @@ fn send(end: &mut dyn End, mode: Mode, message: u32) -> Result<(), BenchError> {
 }
 
 fn look_again(looks: u64) {
-    if looks.is_multiple_of(LOOKS) { std::thread::yield_now() } else { std::hint::spin_loop() }
+    if looks.is_multiple_of(SPINS_MAX) { std::thread::yield_now() } else { std::hint::spin_loop() }
 }
 
 fn receive(end: &mut dyn End, mode: Mode) -> Result<u32, BenchError> {
-    for looks in 1..PATIENCE {
+    for looks in 1..SILENT_POLLS_MAX {
         if let Some(message) = end.take()? {
             return Ok(message);
         }
@@ -273,7 +273,7 @@ fn exchange(end: &mut dyn End, mode: Mode) -> Result<Cost, BenchError> {
     };
     round_trip(BATCH * 8)?;
     let (whole, mut batches) = (Stopwatch::start(), Vec::new());
-    while whole.elapsed() < LONG {
+    while whole.elapsed() < MEASUREMENT_TIME {
         batches.push(round_trip(BATCH)?.as_secs_f64() * 1e9 / f64::from(BATCH));
     }
     let round_trip_ns = median(&mut batches);
@@ -281,7 +281,7 @@ fn exchange(end: &mut dyn End, mode: Mode) -> Result<Cost, BenchError> {
     let undisturbed_ns = batches.first().copied().unwrap_or(round_trip_ns);
     let watch = Stopwatch::start();
     let mut sent = 1u32;
-    while watch.elapsed() < LONG {
+    while watch.elapsed() < MEASUREMENT_TIME {
         for _ in 0..BURST {
             send(end, mode, ask::SWALLOW)?;
         }

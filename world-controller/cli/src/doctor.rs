@@ -31,7 +31,7 @@ const OTHER_PROCESSES: u64 = 10;
 const PRESSURE: f64 = 20.0;
 /// The longest time that a stopped process takes to stop.
 const STOPS_WITHIN: Duration = Duration::from_secs(2);
-/// The type of file system that shared memory is (TMPFS_MAGIC).
+/// Code of the file system type tmpfs, which shared memory is on (`TMPFS_MAGIC`).
 const TMPFS: u64 = 0x0102_1994;
 
 /// Arguments of `doctor`.

@@ -13,8 +13,8 @@ use std::fmt::Write;
 
 /// Mean relative speed of the clock from which it is not reported as slowed.
 const UNSLOWED: f64 = 0.99;
-/// Faults and violations listed at most; JSON has them all.
-const SHOWN: usize = 12;
+/// Largest number of faults and violations listed; JSON has them all.
+const SHOWN_MAX: usize = 12;
 
 /// Formats the report as text.
 pub fn human(report: &Report, words: &Words, paint: Paint) -> String {
@@ -107,7 +107,7 @@ fn write_invariants(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Res
         paint.bad(&format!("{} broken", count(r.invariants.broken)))
     };
     writeln!(out, "  invariants  {}, {broken}", many(r.invariants.checked, "check"))?;
-    for v in r.invariants.violated.iter().take(SHOWN) {
+    for v in r.invariants.violated.iter().take(SHOWN_MAX) {
         writeln!(out, "              {} at {}: {}", v.invariant, seconds(v.at_s), v.what)?;
     }
     Ok(())
@@ -145,7 +145,7 @@ fn write_faults(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result 
         also(commands, "by command"),
         also(external, "from outside"),
     )?;
-    for f in r.faults.iter().take(SHOWN) {
+    for f in r.faults.iter().take(SHOWN_MAX) {
         let whom = f.module.map(|m| m.to_string()).unwrap_or_default();
         let by = commanded(f).map(|by| format!(" ({by})")).unwrap_or_default();
         writeln!(out, "    {:>9}  {:<9}{:>6}  {}{by}", seconds(f.at_s), f.fault, whom, f.effect)?;
@@ -258,7 +258,7 @@ pub fn proved(proof: &ProofReport) -> String {
 }
 
 fn more(out: &mut String, all: usize) -> std::fmt::Result {
-    match all.saturating_sub(SHOWN) {
+    match all.saturating_sub(SHOWN_MAX) {
         0 => Ok(()),
         n => writeln!(out, "    … and {} more; --json has them all", count(n as u64)),
     }

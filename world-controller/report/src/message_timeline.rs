@@ -12,13 +12,13 @@ use std::fmt;
 const CLASSES: usize = Class::ALL.len();
 /// Distance of a module that knows no path to a target.
 pub const FAR: u16 = u16::MAX;
-/// Bins at most; beyond, pairs are merged.
+/// Largest number of bins; beyond, pairs are merged.
 const MOST_BINS: usize = 2048;
-/// Edges in all bins together at most; beyond, pairs of bins are merged.
+/// Largest number of edges in all bins together; beyond, pairs of bins are merged.
 const MOST_EDGES: usize = 2_000_000;
-/// Messages kept at most; beyond, they are thinned out.
+/// Largest number of messages kept; beyond, they are thinned out.
 const MOST_LOGGED: usize = 2_000_000;
-/// Messages kept per module and interval when the log is thinned out.
+/// Number of messages kept per module and interval when the log is thinned out.
 const KEPT: usize = 6;
 
 /// The displayed contents of a message.

@@ -25,12 +25,16 @@ pub struct Mark {
 }
 
 const HEIGHT: f64 = 190.0;
+/// Height of the margin above the plot, in pixels.
 const TOP: f64 = 18.0;
+/// Height of the margin below the plot, in pixels.
 const BOTTOM: f64 = 24.0;
+/// Width of the margin left of the plot, in pixels.
 const LEFT: f64 = 64.0;
+/// Width of the margin right of the plot, in pixels.
 const RIGHT: f64 = 12.0;
-/// Peaks above this multiple of the usual value are cut, so that the rest stays visible.
-const PEAK: f64 = 2.5;
+/// Ratio to the usual value above which peaks are cut, so that the rest stays visible.
+const PEAK_RATIO: f64 = 2.5;
 
 /// Plots layers from bottom to top, until `end`; a bin is `width` seconds long.
 pub fn areas(layers: &[Layer], width: f64, end: f64, marks: &[Mark], about: &str) -> Markup {
@@ -40,7 +44,7 @@ pub fn areas(layers: &[Layer], width: f64, end: f64, marks: &[Mark], about: &str
     sorted.sort_by(f64::total_cmp);
     let highest = sorted.last().copied().unwrap_or(0.0);
     let usual = sorted.get(n * 97 / 100).copied().unwrap_or(0.0);
-    let cut = usual > 0.0 && highest > PEAK * usual;
+    let cut = usual > 0.0 && highest > PEAK_RATIO * usual;
     let high = if cut { usual * 1.25 } else { highest };
     let (times, values) = (Scale::over(0.0, end, LEFT), Scale::over(0.0, high, 0.0));
     let base = HEIGHT - BOTTOM;

@@ -15,8 +15,8 @@ use metamorph_scenario::Plan;
 use metamorph_text::format::{bytes, count, many, seconds, whole_percent};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Rows of a list shown at most; JSON has them all.
-const SHOWN: usize = 200;
+/// Largest number of rows of a list that are shown; JSON has them all.
+const SHOWN_MAX: usize = 200;
 
 /// Chains of waiting modules shown at most.
 const CHAINS: usize = 12;
@@ -91,7 +91,7 @@ fn standstill(s: &Standstill, words: &Words) -> Markup {
             div.wide { table {
                 caption { "Every " (words.module) " here " (words.idle) " and makes no progress" }
                 thead { tr { th scope="col" { (words.module) } th.text scope="col" { "why" } th scope="col" { "waits for" } } }
-                tbody { @for w in s.waiting.iter().take(SHOWN) { tr {
+                tbody { @for w in s.waiting.iter().take(SHOWN_MAX) { tr {
                     td { (w.module) } td.text { (w.why) } td { @match w.waits_for { Some(id) => (id), None => "–" } }
                 } } }
             } }
@@ -136,7 +136,7 @@ fn over_time(report: &Report, words: &Words, width: f64, bins: &[Bin]) -> Markup
     let marks: Vec<Mark> = report
         .faults
         .iter()
-        .take(SHOWN)
+        .take(SHOWN_MAX)
         .map(|f| Mark {
             at: f.at_s,
             text: f.module.map_or(f.fault.clone(), |id| format!("{} {id}", f.fault)),
@@ -242,7 +242,7 @@ fn numbers(report: &Report, words: &Words) -> Markup {
         @if !report.family_text.note.is_empty() { p { (report.family_text.note) } }
         @if !report.invariants.violated.is_empty() {
             h2 { "Invariants that broke" }
-            ul { @for v in report.invariants.violated.iter().take(SHOWN) { li.bad { (v.invariant) " at " (seconds(v.at_s)) ": " (v.what) } } }
+            ul { @for v in report.invariants.violated.iter().take(SHOWN_MAX) { li.bad { (v.invariant) " at " (seconds(v.at_s)) ": " (v.what) } } }
         }
         @if !report.notes.is_empty() {
             h2 { "Notes" }
@@ -259,7 +259,7 @@ fn hosts(report: &Report) -> Markup {
             div.wide { table {
                 caption { "What crossed from one host to another" }
                 thead { tr { th.key scope="col" { "from" } th.key scope="col" { "to" } th scope="col" { "messages" } th scope="col" { "lost" } th scope="col" { "bytes" } th scope="col" { "to and from bodies" } } }
-                tbody { @for c in crossed.iter().take(SHOWN) { tr {
+                tbody { @for c in crossed.iter().take(SHOWN_MAX) { tr {
                     td.key { (c.from) } td.key { (c.to) } td { (count(c.all.sent)) } td { (count(c.all.lost)) }
                     td { (bytes(c.all.bytes)) } td { (count(c.body_messages)) }
                 } } }
@@ -274,13 +274,13 @@ fn faults(report: &Report) -> Markup {
             h2 { "Faults" }
             div.wide { table {
                 thead { tr { th scope="col" { "at" } th.key scope="col" { "fault" } th.key scope="col" { "what it found" } } }
-                tbody { @for f in report.faults.iter().take(SHOWN) { tr {
+                tbody { @for f in report.faults.iter().take(SHOWN_MAX) { tr {
                     td { (seconds(f.at_s)) }
                     td.key { (f.fault) @if let Some(id) = f.module { " " (id) } }
                     td.key.text { (f.effect) @if let Some(by) = commanded(f) { " (" (by) ")" } }
                 } } }
             } }
-            @if report.faults.len() > SHOWN { p.note { "The first " (SHOWN) " of " (count(report.faults.len() as u64)) "." } }
+            @if report.faults.len() > SHOWN_MAX { p.note { "The first " (SHOWN_MAX) " of " (count(report.faults.len() as u64)) "." } }
         }
     }
 }

@@ -4,7 +4,7 @@ use metamorph_text::format::percent;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The normal quantile of a two-sided interval of 95 %.
+/// Number of standard deviations of a two-sided normal interval of 95 %.
 pub(super) const Z95: f64 = 1.959_963_984_540_054;
 
 /// A share of successes with its 95 % interval.

@@ -2,8 +2,8 @@
 
 use super::statistics::{Rate, Z95};
 
-/// Values per sample up to which the distribution of U is enumerated, if there are no ties.
-const EXACT: usize = 20;
+/// Largest number of values per sample for which the distribution of U is enumerated, if there are no ties.
+const ENUMERATED_MAX: usize = 20;
 
 /// A difference with its 95 % interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -110,7 +110,7 @@ impl Samples {
     fn p(&self, u: f64) -> f64 {
         let (n, m) = (self.a.len(), self.b.len());
         let ties = self.ties();
-        if n <= EXACT && m <= EXACT && ties.iter().all(|t| *t == 1.0) {
+        if n <= ENUMERATED_MAX && m <= ENUMERATED_MAX && ties.iter().all(|t| *t == 1.0) {
             return exact(n, m, u.round() as usize);
         }
         let (n, m) = (n as f64, m as f64);

@@ -12,9 +12,9 @@ use metamorph_scenario::grid::{Axis, Grid, Seeds};
 use metamorph_sim_bridge::director::outcome::Outcome;
 use serde::{Deserialize, Serialize};
 
-/// Seeds of every combination of kind, strategy and order at most.
-const MOST_SEEDS: u64 = 25;
-/// One in this many of the experiment's seeds is used.
+/// Largest number of seeds of every combination of kind, strategy and order.
+const SEEDS_MAX: u64 = 25;
+/// Factor by which the number of the experiment's seeds is reduced.
 const FEWER: u64 = 40;
 
 /// Assumptions that were not varied, because the program does not support them.
@@ -121,7 +121,7 @@ const KEYS: [Key; 7] = [
 /// Returns the number of seeds for each combination, given the number in the experiment.
 pub const fn seeds(of_experiment: u64) -> u64 {
     let fewer = of_experiment.div_ceil(FEWER);
-    if fewer < MOST_SEEDS { fewer } else { MOST_SEEDS }
+    if fewer < SEEDS_MAX { fewer } else { SEEDS_MAX }
 }
 
 /// Returns the axes of kinds, strategies and orders.

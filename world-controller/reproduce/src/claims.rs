@@ -17,7 +17,8 @@ use metamorph_text::format::percent;
 /// A statement holds if at least this share of the sampled experiments shows it, and fails if at most the
 /// complement does.
 const SURE: f64 = 0.95;
-/// Significance level of each of the three tests between two orders: 5 % for all of them together.
+/// Significance level: accepted rate of false findings of each of the three tests between two orders; 5 % for all of
+/// them together.
 const SIGNIFICANT: f64 = 0.05 / 3.0;
 
 /// The grouping of runs.

@@ -17,7 +17,7 @@ use metamorph_text::format::percent;
 
 /// The maximum number of random orders of each sort: within levels, and without regard to them.
 const ORDERS: u64 = 6;
-/// Significance level of the tests.
+/// Significance level of the tests: accepted rate of false findings.
 const SIGNIFICANT: f64 = 0.05;
 
 /// The place of the chair in the experiment.

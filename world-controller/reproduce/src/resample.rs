@@ -13,7 +13,7 @@ use metamorph_protocol::roombots::Kind;
 use metamorph_report::statistics::Spread;
 use metamorph_sim_bridge::director::outcome::Outcome;
 
-/// Experiments sampled.
+/// Number of experiments sampled.
 pub const DRAWS: u64 = 2_000;
 
 /// One run of an experiment.

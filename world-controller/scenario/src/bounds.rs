@@ -22,11 +22,11 @@ use metamorph_core::link::LinkModel;
 use metamorph_core::ratio::Ratio;
 use metamorph_core::time::Span;
 
-/// A bound is too short in at most one of this many standstills.
+/// Number of standstills in which a bound is too short at most once.
 const ONCE_IN: u64 = 1_000_000;
-/// Tries and repeats counted at most. If more are needed, a bound guarantees nothing.
-const MOST: u64 = 4_096;
-/// The fixed-point representation of 1, for probabilities.
+/// Largest number of tries and repeats counted. If more are needed, a bound guarantees nothing.
+const TRIES_MAX: u64 = 4_096;
+/// Fixed-point scale factor of probabilities: the representation of 1.
 pub const ONE: u64 = 1 << 32;
 /// Fractional bits of the fixed-point representation of logarithms.
 const LOG_BITS: u32 = 16;
@@ -79,7 +79,7 @@ impl Passage {
 
     /// Returns true if the loss is too high to tell a deadlock from a long wait.
     pub fn is_beyond(self, bounds: &Bounds) -> bool {
-        self.more_tries(bounds.legs, bounds.copies) + 1 == MOST
+        self.more_tries(bounds.legs, bounds.copies) + 1 == TRIES_MAX
     }
 }
 
@@ -94,9 +94,9 @@ pub struct Bounds {
     pub copies: u64,
 }
 
-/// Returns `needed / each`, rounded up, and at most [`MOST`].
+/// Returns `needed / each`, rounded up, and at most [`TRIES_MAX`].
 fn capped(needed: u64, each: u64) -> u64 {
-    needed.checked_div(each).map_or(MOST, |n| (n + 1).min(MOST))
+    needed.checked_div(each).map_or(TRIES_MAX, |n| (n + 1).min(TRIES_MAX))
 }
 
 /// Returns the binary logarithm of a whole number, rounded up.

@@ -13,7 +13,7 @@ use metamorph_kernel::director::faults::{Fault, Origin, Scheduled, WorldFault};
 use serde_json::json;
 use std::fmt::Write;
 
-/// The operator of commands whose table names none.
+/// Number of the operator of commands whose table names none.
 const OPERATOR: u64 = 1;
 const EXAMPLE: &str = "at = \"2s\"\ndo = [\"kill 3\"]";
 

@@ -10,8 +10,8 @@ use std::fmt;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Problems shown at most; the rest is counted.
-const SHOWN: usize = 20;
+/// Largest number of problems shown; the rest is counted.
+const SHOWN_MAX: usize = 20;
 /// Characters of a reason shown at most.
 const LONGEST: usize = 1_000;
 /// Columns of a source line shown at most.
@@ -218,13 +218,13 @@ fn floor(text: &str, at: usize) -> usize {
 
 impl fmt::Display for Diagnostics {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (i, problem) in self.list.iter().take(SHOWN).enumerate() {
+        for (i, problem) in self.list.iter().take(SHOWN_MAX).enumerate() {
             if i > 0 {
                 write!(f, "\n\n")?;
             }
             self.write(f, problem)?;
         }
-        match self.list.len().saturating_sub(SHOWN) {
+        match self.list.len().saturating_sub(SHOWN_MAX) {
             0 => Ok(()),
             more => write!(f, "\n\n… and {more} more"),
         }

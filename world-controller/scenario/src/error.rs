@@ -24,15 +24,15 @@ pub const MAX_BYTES: u64 = 16 << 20;
 pub const MAX_VOLUME: u64 = 64_000_000;
 /// Cells of the boxes around all parts of all shapes of a scenario together at most.
 pub const MAX_LAID_OUT: u64 = 24_000_000;
-/// Nesting depth of unions, differences and intersections at most.
+/// Largest number of unions, differences and intersections nested within each other.
 pub const MAX_DEPTH: usize = 16;
-/// Shapes from files in one scenario at most.
+/// Largest number of shapes from files in one scenario.
 pub const MAX_FILES: usize = 16;
-/// Goals of one scenario at most.
+/// Largest number of goals of one scenario.
 pub const MAX_GOALS: usize = 32;
-/// The longest move and the longest injected delay.
+/// Longest time of a move, and of an injected delay.
 pub const LONGEST: Span = Span(3_600_000_000_000);
-/// The shortest move.
+/// Shortest time of a move.
 pub const SHORTEST: Span = Span(1_000_000);
 
 /// An error in a scenario.

@@ -11,9 +11,9 @@ use std::collections::BTreeSet;
 use std::fmt;
 use thiserror::Error;
 
-/// Runs of one sweep at most.
+/// Largest number of runs of one sweep.
 pub const MAX_RUNS: u64 = 10_000_000;
-/// Combinations of one sweep at most.
+/// Largest number of combinations of one sweep.
 pub const MAX_COMBINATIONS: u64 = 10_000;
 
 /// Why seeds or variations are invalid.

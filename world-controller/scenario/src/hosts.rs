@@ -15,11 +15,11 @@ use std::iter::repeat_n;
 use thiserror::Error;
 use toml::de::DeValue;
 
-/// Hosts of one swarm at most.
+/// Largest number of hosts of one swarm.
 pub const MAX_HOSTS: usize = 256;
 /// How late a clock of another machine may be read (real time).
 const READING: Span = Span::millis(1);
-/// The least difference of clocks of several machines that protocols bear.
+/// Smallest time difference between clocks of several machines that protocols have to tolerate.
 const LEAST_SKEW: Span = Span::millis(5);
 const PAIR: &str = "hosts = [\"h1\", \"h2\"]";
 

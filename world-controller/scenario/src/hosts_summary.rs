@@ -6,8 +6,8 @@ use metamorph_core::link::{Hosts, LinkModel};
 use metamorph_text::format::{many, whole_percent};
 use std::fmt::{Result, Write};
 
-/// Hosts, and links that differ, listed at most.
-const SHOWN: usize = 12;
+/// Largest number of hosts listed, and of links that differ.
+const SHOWN_MAX: usize = 12;
 
 /// Describes the hosts.
 pub fn write(out: &mut String, plan: &Plan, hosts: &Hosts) -> Result {
@@ -25,7 +25,7 @@ pub fn write(out: &mut String, plan: &Plan, hosts: &Hosts) -> Result {
             false => format!("{host} {} between {first} and {last}", many(modules.len() as u64, "module")),
         });
     }
-    writeln!(out, "  hosts     {}{}", list[..list.len().min(SHOWN)].join(", "), dots(list.len()))?;
+    writeln!(out, "  hosts     {}{}", list[..list.len().min(SHOWN_MAX)].join(", "), dots(list.len()))?;
     if let Some(contacts) = plan.swarm.contacts() {
         let crossing = contacts.iter().filter(|(a, b)| hosts.home(*a) != hosts.home(*b)).count() as u64;
         let total = contacts.len() as u64;
@@ -40,7 +40,7 @@ pub fn write(out: &mut String, plan: &Plan, hosts: &Hosts) -> Result {
         writeln!(
             out,
             "            clocks: {}{}",
-            clocks[..clocks.len().min(SHOWN)].join(", "),
+            clocks[..clocks.len().min(SHOWN_MAX)].join(", "),
             dots(clocks.len())
         )?;
     }
@@ -57,7 +57,7 @@ pub fn write(out: &mut String, plan: &Plan, hosts: &Hosts) -> Result {
 }
 
 fn dots(len: usize) -> &'static str {
-    if len > SHOWN { ", …" } else { "" }
+    if len > SHOWN_MAX { ", …" } else { "" }
 }
 
 fn clock(hosts: &Hosts, host: HostId) -> Option<String> {
@@ -74,10 +74,10 @@ fn write_links(out: &mut String, hosts: &Hosts) -> Result {
     if described.iter().all(|(_, text)| text == usual) {
         return writeln!(out, "            between them {usual}");
     }
-    for ((a, b), text) in described.iter().take(SHOWN) {
+    for ((a, b), text) in described.iter().take(SHOWN_MAX) {
         writeln!(out, "            between {a} and {b} {text}")?;
     }
-    match described.len().saturating_sub(SHOWN) {
+    match described.len().saturating_sub(SHOWN_MAX) {
         0 => Ok(()),
         more => writeln!(out, "            … and {}", many(more as u64, "link")),
     }

@@ -7,10 +7,10 @@ use std::ops::Range;
 
 /// Smoothing steps of the vector by which a part is halved.
 const STEPS: usize = 400;
-/// Passes of improvement after each bisection, at most.
-const PASSES: usize = 8;
-/// Exchanges in a row that make a cut worse before a pass ends.
-const PATIENCE: usize = 64;
+/// Largest number of passes of improvement after each bisection.
+const PASSES_MAX: usize = 8;
+/// Number of exchanges in a row that make a cut worse before a pass ends.
+const WORSENING_MAX: usize = 64;
 
 /// Returns the home of each module: host i gets `sizes[i]` of them, which add up to the number of modules.
 pub fn cut(contacts: &[(ModuleId, ModuleId)], sizes: &[usize]) -> Vec<HostId> {
@@ -110,7 +110,7 @@ impl Graph {
     fn improved(&self, order: &[usize], first: usize) -> (u64, BTreeSet<usize>) {
         let mut near: Vec<bool> = vec![false; self.home.len()];
         order[..first].iter().for_each(|module| near[*module] = true);
-        for _ in 0..PASSES {
+        for _ in 0..PASSES_MAX {
             if self.pass(order, &mut near) == 0 {
                 break;
             }
@@ -152,7 +152,7 @@ impl Graph {
             }
             if sum > best {
                 (best, kept) = (sum, moved.len());
-            } else if moved.len() - kept > 2 * PATIENCE {
+            } else if moved.len() - kept > 2 * WORSENING_MAX {
                 break;
             }
         }

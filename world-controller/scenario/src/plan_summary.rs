@@ -8,8 +8,8 @@ use metamorph_text::escape::Shown;
 use metamorph_text::format::{count, many};
 use std::fmt::Write;
 
-/// Faults listed at most; the rest is counted.
-const SHOWN: usize = 20;
+/// Largest number of faults listed; the rest is counted.
+const SHOWN_MAX: usize = 20;
 
 /// Describes the plan.
 pub fn overview(plan: &Plan) -> String {
@@ -74,12 +74,12 @@ fn write_link(out: &mut String, plan: &Plan) -> std::fmt::Result {
 
 fn write_faults(out: &mut String, plan: &Plan) -> std::fmt::Result {
     let mut name = "faults";
-    for Scheduled { at, fault, by } in plan.schedule.iter().take(SHOWN) {
+    for Scheduled { at, fault, by } in plan.schedule.iter().take(SHOWN_MAX) {
         let by = if *by == Origin::Scenario { String::new() } else { format!(", {by}") };
         writeln!(out, "  {name:<8}  at {} {fault}{by}", at_ms(*at))?;
         name = "";
     }
-    match plan.schedule.len().saturating_sub(SHOWN) {
+    match plan.schedule.len().saturating_sub(SHOWN_MAX) {
         0 if plan.schedule.is_empty() => writeln!(out, "  faults    none"),
         0 => Ok(()),
         more => writeln!(out, "            … and {} more", count(more as u64)),

@@ -12,7 +12,7 @@ use thiserror::Error;
 use toml::Spanned;
 use toml::de::{DeArray, DeTable, DeValue};
 
-/// Parts of a key at most.
+/// Largest number of parts of a key.
 const MAX_PARTS: usize = 32;
 
 /// One value for one key.

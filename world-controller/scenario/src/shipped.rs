@@ -13,8 +13,8 @@ use strsim::damerau_levenshtein;
 const ROOT: &str = "(shipped)";
 /// Where shipped scenarios seem to be.
 const DIRECTORY: &str = "(shipped)/scenarios";
-/// Suggestions at most.
-const SUGGESTIONS: usize = 3;
+/// Largest number of suggestions.
+const SUGGESTIONS_MAX: usize = 3;
 
 macro_rules! scenarios {
     ($($name:literal),* $(,)?) => {
@@ -193,7 +193,7 @@ fn nearest(wanted: &str, names: impl Iterator<Item = (String, String)>) -> Vec<S
     let away = |(name, shown): (String, String)| (damerau_levenshtein(&name, wanted), shown);
     let mut near: Vec<(usize, String)> = names.map(away).filter(|(away, _)| *away <= most).collect();
     near.sort_by_key(|(away, _)| *away);
-    near.into_iter().map(|(_, shown)| shown).take(SUGGESTIONS).collect()
+    near.into_iter().map(|(_, shown)| shown).take(SUGGESTIONS_MAX).collect()
 }
 
 /// Returns the error of a file that does not exist.

@@ -19,7 +19,7 @@ pub struct ModuleView {
     pub waits_for: Option<ModuleId>,
 }
 
-/// The role of a module that fills a target.
+/// Code of the role of a module that fills a target, an index of [`Words::roles`].
 pub const FILLS: u8 = 2;
 
 /// The outcome of an action.

@@ -8,7 +8,7 @@ use thiserror::Error;
 
 /// Bytes of a shape file at most: two million triangles in a binary STL.
 pub const MAX_BYTES: u64 = 128 << 20;
-/// Triangles of one file at most.
+/// Largest number of triangles of one file.
 pub const MAX_TRIANGLES: usize = 2_000_000;
 /// Cells of the box around a mesh at most.
 pub const MAX_GRID: u64 = 16_000_000;
@@ -17,21 +17,21 @@ pub const MAX_BOX: u64 = 64_000_000;
 /// The maximum work to convert a mesh: pairs of a triangle and a column of cells that it may cross, plus
 /// samples of the surface.
 pub const MAX_WORK: u64 = 400_000_000;
-/// Elements, texts and comments of an XML file at most.
+/// Largest number of elements, texts and comments of an XML file.
 pub const MAX_NODES: u32 = 2_000_000;
-/// Attributes of an XML file at most.
+/// Largest number of attributes of an XML file.
 pub const MAX_ATTRIBUTES: usize = 2_000_000;
-/// Attributes of one element at most. The parser compares each pair.
+/// Largest number of attributes of one element. The parser compares each pair.
 pub const MAX_ATTRIBUTES_OF_ONE: usize = 64;
-/// Namespaces that an XML file may declare at most. The parser lists them for every element.
+/// Largest number of namespaces that an XML file may declare. The parser lists them for every element.
 pub const MAX_NAMESPACES: usize = 16;
-/// Voxels of a MagicaVoxel scene at most, those of a model counted as often as it is in the scene.
+/// Largest number of voxels of a MagicaVoxel scene, those of a model counted as often as it is in the scene.
 pub const MAX_VOXELS: usize = 4_000_000;
-/// Chunks of a MagicaVoxel file at most, and nodes of its scene that are looked at.
+/// Largest number of chunks of a MagicaVoxel file, and of nodes of its scene that are examined.
 pub const MAX_VOX_CHUNKS: usize = 100_000;
 /// Bytes of a MagicaVoxel file at most that hold no voxels. In memory they take a multiple of that.
 pub const MAX_VOX_SCENE: usize = 8 << 20;
-/// Groups, objects and materials of an OBJ file at most.
+/// Largest number of groups, objects and materials of an OBJ file.
 pub const MAX_GROUPS: usize = 10_000;
 
 /// An error in a file.

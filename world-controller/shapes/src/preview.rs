@@ -7,9 +7,10 @@ use metamorph_core::shape::Shape;
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-/// Columns of a layer shown at most; the next constant limits the lines.
-const WIDEST: usize = 110;
-const LONGEST: usize = 400;
+/// Largest number of columns of a layer that is shown.
+const COLUMNS_MAX: usize = 110;
+/// Largest number of lines of all layers together.
+const LINES_MAX: usize = 400;
 /// The maximum number of layers of the start slab; the slab is made wide enough for that.
 const THICKEST: usize = 3;
 
@@ -20,7 +21,7 @@ const SPARE: usize = 10;
 pub fn layers(cells: &[Cell]) -> Option<String> {
     let (min, max) = corners(cells)?;
     let side = |low: i16, high: i16| usize::from(low.abs_diff(high)) + 1;
-    if side(min.x, max.x) > WIDEST || side(min.z, max.z) * (side(min.y, max.y) + 2) > LONGEST {
+    if side(min.x, max.x) > COLUMNS_MAX || side(min.z, max.z) * (side(min.y, max.y) + 2) > LINES_MAX {
         return None;
     }
     let mut out = String::new();
@@ -37,6 +38,7 @@ pub fn layers(cells: &[Cell]) -> Option<String> {
 
 /// Draws the cubes, seen from above the south-east corner.
 pub fn svg(cells: &[Cell]) -> String {
+    /// Length of the edge of a cube in pixels.
     const EDGE: f64 = 12.0;
     let filled: BTreeSet<Cell> = cells.iter().copied().collect();
     let project = |x: f64, y: f64, z: f64| [(x + y) * 0.866 * EDGE, (x - y) * 0.5 * EDGE - z * EDGE];

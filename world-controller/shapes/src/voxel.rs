@@ -13,8 +13,9 @@ use super::mesh::Triangle;
 use metamorph_core::lattice::Cell;
 use std::collections::HashMap;
 
-/// The edge of a cell in units of the fine grid, and half of it.
+/// Length of the edge of a cell in units of the fine grid.
 const ONE: i64 = 1 << 16;
+/// Half the length of that edge.
 const HALF: i64 = ONE / 2;
 
 /// A mesh converted to cells.

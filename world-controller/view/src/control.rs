@@ -22,9 +22,9 @@ use tokio::time::timeout;
 pub const VERSION: u16 = 1;
 /// Largest size of the body of a request, in bytes.
 const MAX_BODY: usize = 64 << 10;
-/// How long a request waits for the run before it is answered as pending.
-const RUN: Duration = Duration::from_secs(2);
-/// How long a session keeps the control that it does not use.
+/// Longest time that a request waits for the run before it is answered as pending.
+const RUN_WAIT_MAX: Duration = Duration::from_secs(2);
+/// Time for which a session keeps the control without using it.
 const LEASE: Duration = Duration::from_secs(10);
 /// Number of commands that a session can give at once.
 const BURST: f64 = 40.0;
@@ -196,7 +196,7 @@ impl Session {
     /// Waits for the answer of the run, if there is one to come.
     async fn settle(&mut self) {
         let Some(pending) = &mut self.pending else { return };
-        let Ok(answered) = timeout(RUN, pending).await else { return };
+        let Ok(answered) = timeout(RUN_WAIT_MAX, pending).await else { return };
         self.pending = None;
         let (operator, n) = (self.operator, self.n);
         self.answer = match answered {

@@ -44,7 +44,7 @@ const LAST_FIGURE: Duration = Duration::from_secs(600);
 const MAX_HEADER_BYTES: usize = 16 << 10;
 /// Largest number of headers of a request.
 const MAX_HEADERS: usize = 64;
-/// Pause before another attempt to accept a connection, when the system is short of a resource.
+/// Time to wait before another attempt to accept a connection, when the system is short of a resource.
 const AGAIN: Duration = Duration::from_secs(1);
 
 /// The type of a script.

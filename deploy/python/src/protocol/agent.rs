@@ -35,6 +35,7 @@ impl Agent for PyAgent {
     type Percept = Percept;
     type Order = Never;
     type Report = Payload;
+    /// Number of faces of a cube.
     const PORTS: usize = 6;
 
     fn new(setup: &Arc<Setup>, birth: Birth<Cell>, now: Time) -> PyAgent {

@@ -42,7 +42,7 @@ use toml::de::DeValue;
 pub const NAME: &str = "python";
 /// The name of the invariants that come with a call.
 const OF_PROTOCOL: Invariant = Invariant::new("of-protocol");
-/// The bound for a standstill, unless the scenario says another.
+/// Default time without progress after which a run counts as a standstill.
 const STALL: Span = Span::secs(60);
 const START: &str = "start = { box = { min = [0, 0, 0], max = [5, 5, 0] } }";
 const PARAMETER: &str = "repeat = \"500ms\"";

@@ -5,8 +5,8 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyBytes, PyDict, PyFrozenSet, PyInt, PyList, PySet, PyString, PyTuple};
 
-/// Collections within collections at most.
-const DEPTH: usize = 32;
+/// Largest number of collections nested within each other.
+const DEPTH_MAX: usize = 32;
 
 fn counted(out: &mut Vec<u8>, tag: u8, length: usize) {
     out.push(tag);
@@ -41,7 +41,7 @@ fn all<'py>(
 
 fn encode(value: &Bound<'_, PyAny>, out: &mut Vec<u8>, depth: usize) -> PyResult<()> {
     if depth == 0 {
-        return Err(PyTypeError::new_err(format!("it is nested more than {DEPTH} deep")));
+        return Err(PyTypeError::new_err(format!("it is nested more than {DEPTH_MAX} deep")));
     }
     if value.is_none() {
         out.push(b'n');
@@ -102,13 +102,13 @@ pub fn parts(object: &Bound<'_, PyAny>, has_state: bool) -> PyResult<Vec<(String
     let mut found = Vec::new();
     if has_state {
         let mut out = Vec::new();
-        encode(&object.call_method0("state")?, &mut out, DEPTH)?;
+        encode(&object.call_method0("state")?, &mut out, DEPTH_MAX)?;
         return Ok(vec![("state()".to_owned(), out)]);
     }
     let attributes = object.getattr("__dict__")?;
     for (name, value) in attributes.cast::<PyDict>()?.iter() {
         let (name, mut out) = (name.extract::<String>()?, Vec::new());
-        encode(&value, &mut out, DEPTH)
+        encode(&value, &mut out, DEPTH_MAX)
             .map_err(|e| PyTypeError::new_err(format!("the attribute `{name}`: {}", e.value(object.py()))))?;
         found.push((name, out));
     }

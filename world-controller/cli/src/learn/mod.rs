@@ -60,10 +60,10 @@ Exit codes:
 
 /// Exit code: ended by a signal before all trials were done.
 const ABORTED: u8 = 6;
-/// The shortest trial: a period of the oscillators.
-const SHORTEST: Span = Span::secs(5);
-/// The longest trial.
-const LONGEST: Span = Span::secs(600);
+/// Shortest time of a trial: a period of the oscillators.
+const TRIAL_MIN: Span = Span::secs(5);
+/// Longest time of a trial.
+const TRIAL_MAX: Span = Span::secs(600);
 /// The largest number of gaits of a run.
 const MOST: u64 = 100_000;
 
@@ -220,8 +220,8 @@ fn asked(args: &LearnArgs) -> Result<Asked, LearnError> {
     let time: Span = args.trial.parse().map_err(|error: SpanError| {
         PlanError::option("--trial", format!("{error}"), "write a time such as 30s")
     })?;
-    if !(SHORTEST..=LONGEST).contains(&time) {
-        let reason = format!("{time} is not between {SHORTEST} and {LONGEST}");
+    if !(TRIAL_MIN..=TRIAL_MAX).contains(&time) {
+        let reason = format!("{time} is not between {TRIAL_MIN} and {TRIAL_MAX}");
         return Err(PlanError::option("--trial", reason, "5s is a period of the oscillators").into());
     }
     if args.trials == 0 || args.trials > MOST {

@@ -17,7 +17,7 @@ use serde_json::json;
 use std::fmt::Write;
 use std::sync::Arc;
 
-/// Mass of the cube in grams, as in the experiments.
+/// Weight of the cube in grams, as in the experiments.
 const GRAMS: u32 = 250;
 /// The floor of the experiments, in connectors.
 const FLOOR: (i16, i16) = (20, 13);

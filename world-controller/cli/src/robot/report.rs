@@ -35,9 +35,9 @@ const WHY: [&str; 6] = [
     "Row `lattice` is what the motion database reaches, row `exact` what continuous angles reach.",
 ];
 
-/// Random starts per state of the incomplete search, and its repetitions. Seeds are fixed, so that the table
-/// is deterministic.
+/// Number of random starts per state of the incomplete search. Seeds are fixed, so that the table is deterministic.
 const STARTS: u32 = 4;
+/// Number of repetitions of the incomplete search.
 const RUNS: u64 = 6;
 
 /// Returns mean and standard deviation.

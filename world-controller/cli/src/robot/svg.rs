@@ -73,8 +73,8 @@ struct View {
 
 /// Pixels per cell.
 const SCALE: f64 = 110.0;
-/// Points of a circle.
-const ROUND: u32 = 40;
+/// Number of points of a circle.
+const CIRCLE_POINTS: u32 = 40;
 
 impl View {
     fn new() -> View {
@@ -122,10 +122,10 @@ impl Drawing {
     }
     fn circle(&mut self, centre: V, a: V, b: V, radius: f64, class: &str) {
         let point = |i: u32| {
-            let (s, c) = (TAU * f64::from(i) / f64::from(ROUND)).sin_cos();
+            let (s, c) = (TAU * f64::from(i) / f64::from(CIRCLE_POINTS)).sin_cos();
             add(add(centre, a, radius * c), b, radius * s)
         };
-        self.polygon((0..ROUND).map(point), class);
+        self.polygon((0..CIRCLE_POINTS).map(point), class);
     }
 }
 
@@ -254,8 +254,8 @@ fn draw_cube(d: &mut Drawing, kind: Kind, q: &[f64], cube: usize, halves: &[Pose
     let front = towards(cross(axis, edge), eye);
     let rim = towards(cross(eye, edge), axis);
     let arc = |from: f64, side: V| {
-        (0..=ROUND / 2).map(move |i| {
-            let (s, c) = (PI * f64::from(i) / f64::from(ROUND / 2)).sin_cos();
+        (0..=CIRCLE_POINTS / 2).map(move |i| {
+            let (s, c) = (PI * f64::from(i) / f64::from(CIRCLE_POINTS / 2)).sin_cos();
             add(add(centre, edge, from * c * OUTER_RADIUS), side, s * OUTER_RADIUS)
         })
     };

@@ -13,8 +13,8 @@ use std::path::Path;
 
 /// Bytes of a report at most.
 const LONGEST: u64 = 256 << 20;
-/// Differences listed at most; the rest is counted.
-const SHOWN: usize = 60;
+/// Largest number of differences listed; the rest is counted.
+const SHOWN_MAX: usize = 60;
 /// Fields about the machine and the moment of the run, in which equal runs differ.
 const OF_THE_MACHINE: [&str; 3] = ["time.wall", "time.setup", "repeat"];
 
@@ -82,7 +82,7 @@ pub fn compare(a: &Path, b: &Path, paint: Paint) -> Result<Comparison, DiffError
     let differences = differences(&first, &second);
     let mut table = Table::new(&["field"]);
     table.head(&["A", "B", "B − A"]);
-    for (field, a, b) in differences.iter().take(SHOWN) {
+    for (field, a, b) in differences.iter().take(SHOWN_MAX) {
         let by = match (a.as_f64(), b.as_f64()) {
             (Some(a), Some(b)) => format!("{:+}", ((b - a) * 1e6).round() / 1e6),
             _ => String::new(),
@@ -98,8 +98,8 @@ pub fn compare(a: &Path, b: &Path, paint: Paint) -> Result<Comparison, DiffError
     } else if !same {
         text.push_str("no field differs\n");
     }
-    if differences.len() > SHOWN {
-        let more = many((differences.len() - SHOWN) as u64, "field");
+    if differences.len() > SHOWN_MAX {
+        let more = many((differences.len() - SHOWN_MAX) as u64, "field");
         text.push_str(&format!("  … and {more}; --json lists all\n"));
     }
     let list: Vec<Value> =

@@ -21,8 +21,8 @@ use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// The level of a finding.
-const LEVEL: f64 = 0.05;
+/// Significance level of a finding: the accepted rate of false findings.
+const SIGNIFICANCE_LEVEL: f64 = 0.05;
 
 /// A number of a run.
 type Measure = (&'static str, fn(&Row) -> Option<f64>);
@@ -125,7 +125,7 @@ fn judge(lines: &mut [Line], at_least: f64) {
         let margin = if line.rate { at_least } else { at_least * line.a.abs() };
         let beyond = at_least == 0.0 || line.low > margin || line.high < -margin;
         line.p_adjusted = adjusted;
-        line.differs = adjusted < LEVEL && beyond;
+        line.differs = adjusted < SIGNIFICANCE_LEVEL && beyond;
     }
 }
 

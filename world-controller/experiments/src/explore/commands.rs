@@ -12,11 +12,12 @@ use metamorph_sim_bridge::director::faults::{Fault, Form, Target, WorldFault};
 use metamorph_sim_bridge::director::link_faults::LinkFault;
 use metamorph_sim_bridge::director::steering::Steering;
 
-/// The first seed that may draw commands. Smaller seeds draw the same scenarios as before these were added.
+/// Number of the first seed that may draw commands. Smaller seeds draw the same scenarios as before these were added.
 pub const COMMANDS_FROM: u64 = 1 << 33;
-/// The first seed that may draw every command, for every family. Smaller ones draw four that steer metamodules.
+/// Number of the first seed that may draw every command, for every family. Smaller ones draw four that steer
+/// metamodules.
 pub const ALL_COMMANDS_FROM: u64 = 1 << 34;
-/// The first seed that may draw the commands about goals that were added last.
+/// Number of the first seed that may draw the commands about goals that were added last.
 pub const GOALS_FROM: u64 = 1 << 35;
 /// The names of these commands.
 const ADDED: [&str; 3] = ["goal.turn", "goal.order", "goal.drop"];

@@ -13,9 +13,9 @@ use metamorph_protocol::rng::Rng;
 use metamorph_scenario::Plan;
 use metamorph_scenario::family::fault_keys;
 
-/// Attempts to draw a scenario that can be run; some are invalid, such as one with more goals than the floor
-/// has room for.
-const TRIES: u64 = 40;
+/// Largest number of attempts to draw a scenario that can be run; some are invalid, such as one with more goals than
+/// the floor has room for.
+const TRIES_MAX: u64 = 40;
 
 /// Which scenarios are drawn.
 #[derive(Clone, Copy, Default)]
@@ -46,7 +46,7 @@ pub fn draw(seed: u64, which: impl Into<Drawn>) -> (GeneratedScenario, Plan) {
     // Of all families only one has elements.
     let with_elements = || all().iter().copied().find(|f| f.has_elements()).filter(|_| which.elements);
     let family = which.family.or_else(with_elements);
-    for attempt in 0..TRIES {
+    for attempt in 0..TRIES_MAX {
         let mut dice = Dice(Rng::named(seed, "explore", attempt));
         let family = family.unwrap_or_else(|| dice.pick(&drawn()));
         let elements = which.elements && family.has_elements();
@@ -86,7 +86,7 @@ fn smallest(family: &dyn Family) -> GeneratedScenario {
     }
 }
 
-/// The first seed that may draw permanent impairments. Smaller seeds draw the same scenarios as before these
+/// Number of the first seed that may draw permanent impairments. Smaller seeds draw the same scenarios as before these
 /// were added.
 const LASTING_FROM: u64 = 1 << 32;
 

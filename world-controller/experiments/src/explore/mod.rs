@@ -44,8 +44,8 @@ use summary::{Found, Summary, Tallies};
 use thiserror::Error;
 use verdict::{Failure, Kind, Verdict, could_be_built, judge};
 
-/// Kinds of failures that are shrunk at most.
-const MOST_FOUND: usize = 16;
+/// Largest number of kinds of failures that are shrunk.
+const FAILURE_KINDS_MAX: usize = 16;
 
 /// The arguments of `metamorph explore`.
 #[derive(Clone)]
@@ -313,7 +313,7 @@ fn found(
             faults: draft.faults.len(),
             shrinking: 0,
         };
-        if all.len() < MOST_FOUND
+        if all.len() < FAILURE_KINDS_MAX
             && let Some(small) = smallest(&draft, kind, family::of(&plan).shrinking(), limits)
         {
             let path = request.out.join(format!("explored-{}.toml", found.seed));

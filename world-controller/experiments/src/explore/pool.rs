@@ -14,16 +14,16 @@ use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::thread;
 use std::time::Duration;
 
-/// Results queued at most.
-const QUEUE: usize = 1_000;
-/// Interval between checks of the limits while no result arrives.
+/// Largest number of results in the queue.
+const QUEUED_MAX: usize = 1_000;
+/// Time between checks of the limits while no result arrives.
 pub const LOOK: Duration = Duration::from_millis(50);
 
 /// Executes runs 0, 1, 2, … with consecutive seeds from `seed` on until the limits are reached, and passes
 /// the number and the result of each to `take`.
 pub fn run(seed: u64, request: &Request, limits: &Limits, mut take: impl FnMut(u64, Ran)) {
     let next = Arc::new(AtomicU64::new(0));
-    let (sender, receiver) = sync_channel::<(u64, Ran)>(QUEUE);
+    let (sender, receiver) = sync_channel::<(u64, Ran)>(QUEUED_MAX);
     let workers: Vec<_> = (0..request.jobs.get())
         .map(|_| {
             let (sender, next) = (sender.clone(), Arc::clone(&next));

@@ -15,8 +15,8 @@ use std::path::PathBuf;
 
 /// The version of the layout of [`Summary`].
 pub const SCHEMA: u32 = 5;
-/// Seeds listed per group of similar runs at most.
-const NAMED: usize = 20;
+/// Largest number of seeds listed per group of similar runs.
+const SEEDS_LISTED_MAX: usize = 20;
 
 /// Failures of one kind.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -279,7 +279,7 @@ fn write_shares(out: &mut String, summary: &Summary) -> std::fmt::Result {
         for undecided in summary.undecided.values() {
             line(out, undecided.runs, &undecided.text)?;
         }
-        let seeds = summary.undecided.values().flat_map(|u| &u.seeds).take(NAMED);
+        let seeds = summary.undecided.values().flat_map(|u| &u.seeds).take(SEEDS_LISTED_MAX);
         writeln!(out, "    seeds {}", spaced(seeds))?;
     }
     Ok(())
@@ -299,7 +299,12 @@ fn write_text(out: &mut String, summary: &Summary, paint: Paint) -> std::fmt::Re
         writeln!(out, "\n{} ({protocol}) in {}", paint.bad(&kind.to_string()), many(*runs, "run"))?;
         writeln!(out, "  {what}\n  first in  {repeat}")?;
         if *runs > 1 {
-            writeln!(out, "  seeds {}{}", spaced(seeds), if *runs > NAMED as u64 { " ..." } else { "" })?;
+            writeln!(
+                out,
+                "  seeds {}{}",
+                spaced(seeds),
+                if *runs > SEEDS_LISTED_MAX as u64 { " ..." } else { "" }
+            )?;
         }
         if let Some(file) = &found.here {
             writeln!(
@@ -326,7 +331,7 @@ fn write_text(out: &mut String, summary: &Summary, paint: Paint) -> std::fmt::Re
 
 /// Records one of the first runs.
 fn note(numbers: &mut Vec<u64>, number: u64) {
-    if numbers.len() < NAMED {
+    if numbers.len() < SEEDS_LISTED_MAX {
         numbers.push(number);
     }
 }

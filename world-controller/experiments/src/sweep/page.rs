@@ -12,8 +12,8 @@ use metamorph_text::format::count;
 use metamorph_text::format::number;
 use std::collections::BTreeSet;
 
-/// Combinations plotted at most; the tables have them all.
-const PLOTTED: usize = 200;
+/// Largest number of combinations plotted; the tables have them all.
+const PLOTTED_MAX: usize = 200;
 
 /// The inputs of a page besides the summary.
 pub struct Context<'a> {
@@ -98,7 +98,7 @@ fn total(summary: &Summary, outcome: Outcome) -> u64 {
 
 /// Returns a row for each combination, at most as many as are plotted.
 pub(super) fn rows<T>(summary: &Summary, of: impl Fn(&Combination) -> T) -> Vec<Row<T>> {
-    let shown = &summary.combinations[..summary.combinations.len().min(PLOTTED)];
+    let shown = &summary.combinations[..summary.combinations.len().min(PLOTTED_MAX)];
     let mut before = None;
     let row = |c: &Combination| {
         let label = if c.values.is_empty() { "all runs".to_owned() } else { c.values.join(" · ") };
@@ -114,7 +114,7 @@ fn legend(summary: &Summary) -> Markup {
     let keys: Vec<&str> = summary.vary.iter().map(|axis| axis.key.as_str()).collect();
     html! {
         @if !keys.is_empty() { " Rows: " (keys.join(" · ")) "." }
-        @if all > PLOTTED { " Only the first " (PLOTTED) " of " (count(all as u64)) " combinations are drawn." }
+        @if all > PLOTTED_MAX { " Only the first " (PLOTTED_MAX) " of " (count(all as u64)) " combinations are drawn." }
     }
 }
 

@@ -23,8 +23,8 @@ use std::time::Duration;
 
 /// Time after which the receiver is notified that nothing happened.
 const PATIENCE: Duration = Duration::from_millis(100);
-/// Rows queued at most; threads that are faster than the disk wait.
-const QUEUE: usize = 10_000;
+/// Largest number of rows in the queue; threads that are faster than the disk wait.
+const QUEUED_MAX: usize = 10_000;
 
 /// The runs to execute.
 #[derive(Clone, Copy)]
@@ -59,7 +59,7 @@ pub enum News {
 /// delivered.
 pub fn run<E>(work: Work<'_>, mut take: impl FnMut(News) -> Result<(), E>) -> Result<(), E> {
     let next = AtomicU64::new(work.first);
-    let (sender, receiver) = sync_channel(QUEUE);
+    let (sender, receiver) = sync_channel(QUEUED_MAX);
     thread::scope(|scope| {
         for _ in 0..work.jobs.get() {
             let (sender, next) = (sender.clone(), &next);

@@ -8,12 +8,12 @@ use metamorph_text::format::{count, many, number};
 use metamorph_text::paint::Paint;
 use metamorph_text::table::Table;
 
-/// Combinations shown at most; `summary.json` has them all.
-const SHOWN: usize = 100;
+/// Largest number of combinations shown; `summary.json` has them all.
+const SHOWN_MAX: usize = 100;
 
 /// Formats both tables.
 pub fn table(summary: &Summary, paint: Paint) -> String {
-    let shown = &summary.combinations[..summary.combinations.len().min(SHOWN)];
+    let shown = &summary.combinations[..summary.combinations.len().min(SHOWN_MAX)];
     let mut ends = Table::new(&summary.vary.iter().map(|a| a.key.as_str()).collect::<Vec<_>>());
     ends.head(&[
         "runs",

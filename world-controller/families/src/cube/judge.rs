@@ -11,8 +11,8 @@ const EFFORT: usize = 2_000_000;
 /// Arrangements examined at most, and the fewest that are worth a search.
 const ARRANGEMENTS: (usize, usize) = (20_000, 200);
 
-/// Arrangements that exploration examines at most before a standstill stays undecided.
-const EXPLORED: usize = 20_000;
+/// Largest number of arrangements that exploration examines before a standstill stays undecided.
+const ARRANGEMENTS_MAX: usize = 20_000;
 
 /// A standstill of cubes, as a question to the search.
 pub struct CubeQuestion(pub StandstillSnapshot);
@@ -40,10 +40,10 @@ impl Question for CubeQuestion {
         }
     }
     fn judge(&self, _: bool) -> Result<RuleSet, Found> {
-        widest_proof(&self.0, EXPLORED)
+        widest_proof(&self.0, ARRANGEMENTS_MAX)
     }
     fn could_be_built(&self) -> Option<bool> {
-        match search(&self.0, RuleSet::Anything, EXPLORED) {
+        match search(&self.0, RuleSet::Anything, ARRANGEMENTS_MAX) {
             Found::Way(_) => Some(true),
             Found::Impossible(_) => Some(false),
             Found::Undecided => None,

@@ -17,6 +17,7 @@ use metamorph_scene::parts::{Displacement, Motion, Part, Segment, Shape, Step, T
 use metamorph_scene::visible::{ActionOutcome, Colour, GoalView, ModuleView, Role, Stage, Targets, Words};
 use nalgebra::{Rotation3, Unit, UnitQuaternion, Vector3};
 
+/// Number of half cubes of a module.
 const HALVES: usize = 4;
 
 /// Returns the cells of both cubes of a module.

@@ -25,7 +25,7 @@ use std::sync::Arc;
 
 /// The time of one action on the page.
 const ACTION_TIME: Span = Span::secs(1);
-/// The parts of a module.
+/// Number of half cubes of a module.
 const HALVES: usize = 4;
 
 /// Makes the scene of a plan and the bodies in it; `repeat` is the command that shows it again.

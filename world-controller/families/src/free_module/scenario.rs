@@ -47,11 +47,11 @@ pub const MAX_WEIGHT: f64 = 100.0;
 pub const WORK: u64 = 20_000;
 /// The largest number of expansions of one plan.
 pub const MAX_WORK: u64 = 1_000_000_000;
-/// Default memory of one plan, in MiB.
+/// Default size of the memory of one plan, in MiB.
 pub const MEMORY: u64 = 256;
-/// The least memory of one plan, in MiB.
+/// Smallest size of the memory of one plan, in MiB.
 pub const LEAST_MEMORY: u64 = (Limits::LEAST_MEMORY >> 20) as u64;
-/// The largest memory of one plan, in MiB.
+/// Largest size of the memory of one plan, in MiB.
 pub const MAX_MEMORY: u64 = 65_536;
 
 const START: &str = "start = \"line:4\"";

@@ -10,8 +10,8 @@ use metamorph_text::escape::Shown;
 use metamorph_text::format::many;
 use std::fmt::Write;
 
-/// Start places listed at most; the rest is counted.
-const SHOWN: usize = 20;
+/// Largest number of start places listed; the rest is counted.
+const SHOWN_MAX: usize = 20;
 
 /// Writes the description.
 pub fn describe(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std::fmt::Result {
@@ -27,8 +27,8 @@ pub fn describe(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std::fmt:
         floor.min,
         floor.max
     )?;
-    let feet: Vec<String> = swarm.poses.iter().take(SHOWN).map(|p| format!("{:?}", p.foot())).collect();
-    let dots = if all > SHOWN { ", …" } else { "" };
+    let feet: Vec<String> = swarm.poses.iter().take(SHOWN_MAX).map(|p| format!("{:?}", p.foot())).collect();
+    let dots = if all > SHOWN_MAX { ", …" } else { "" };
     let redrawn = match swarm.redrawn {
         0 => String::new(),
         1 => " (one draw rejected: a metamodule was enclosed)".to_owned(),

@@ -5,7 +5,7 @@ use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::metamodule::blueprint::{MAX_SEEDS, Seed};
 use metamorph_scenario::family::DrawnStructure;
 
-/// Connectors of the floor around the structure, on each side.
+/// Number of connectors of the floor around the structure, on each side.
 const MARGIN: i16 = 5;
 /// Scenario seconds per second on the process link: a person waits for it.
 const TIME_SCALE: u32 = 20;

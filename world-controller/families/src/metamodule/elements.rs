@@ -20,7 +20,7 @@ use toml::de::DeValue;
 
 const ELEMENT: &str =
     "name = \"top\", shape = \"plate3x3\", mass = 0.5, at = { cell = [3, 2, 0] }, to = { cell = [8, 5, 4] }";
-/// Default mass of an element in kilograms: that of the experiments.
+/// Default mass of an element in kilograms: its weight in the experiments.
 pub const MASS: f64 = 0.25;
 /// Default rotation of an element.
 pub const TURN: &str = "z-up x-east";

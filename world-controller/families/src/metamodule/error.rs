@@ -14,11 +14,11 @@ use metamorph_protocol::time::Span;
 use metamorph_scenario::error::ScenarioError;
 use thiserror::Error;
 
-/// Metamodules of one swarm at most.
+/// Largest number of metamodules of one swarm.
 pub const MAX_METAMODULES: usize = 1_000;
-/// Connectors of a floor along each side at most.
+/// Largest length of a side of a floor, in connectors.
 pub const MAX_FLOOR: u16 = 256;
-/// Communication range at most, in connectors.
+/// Largest distance at which metamodules may be set to hear each other, in connectors.
 pub const MAX_COMMUNICATION_RANGE: u64 = 64;
 
 /// An error in a metamodule's section.

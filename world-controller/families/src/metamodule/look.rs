@@ -20,7 +20,9 @@ use metamorph_scene::visible::{
 use nalgebra::{Rotation3, UnitQuaternion};
 use std::ops::Range;
 
+/// Number of half cubes of a metamodule.
 const HALVES: usize = 8;
+/// Number of joints of a metamodule.
 const JOINTS: usize = 6;
 /// Height of an upright metamodule in cells.
 const HEIGHT: i16 = 4;
@@ -71,7 +73,7 @@ fn behind(joint: usize, end: End) -> Range<usize> {
     }
 }
 
-/// The flag of a metamodule that asks the operator.
+/// Flag bits of a metamodule that asks the operator, as in [`ModuleView::flags`].
 const ASKS: u8 = 16;
 
 impl Visible for Metamodule {

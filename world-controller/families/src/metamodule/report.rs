@@ -9,8 +9,8 @@ use schemars::generate::SchemaSettings;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-/// Changes of the goal that the text names; JSON has all.
-const CHANGES: usize = 6;
+/// Largest number of changes of the goal that the text names; JSON has all.
+const CHANGES_MAX: usize = 6;
 
 /// Puts a change of the goal into words.
 pub fn goal_change(change: &GoalChange) -> String {
@@ -154,7 +154,7 @@ pub fn part(m: &MetamoduleReport, d: &MoveReport, modules: usize, is_begun: bool
     let actions =
         [many(m.turns, "joint step"), many(m.connections, "connection"), many(m.releases, "release")];
     let levels: Vec<String> = m.levels.iter().map(|l| format!("{} of {}", l.filled, l.seeds)).collect();
-    let hidden = m.goal_changes.len().saturating_sub(CHANGES);
+    let hidden = m.goal_changes.len().saturating_sub(CHANGES_MAX);
     let first =
         if hidden > 0 { format!("; {} before", many(hidden as u64, "change")) } else { String::new() };
     let changes = m.goal_changes.iter().skip(hidden).map(|change| format!("; {change}"));

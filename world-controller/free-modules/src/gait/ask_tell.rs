@@ -73,9 +73,9 @@ impl Method {
     }
 }
 
-/// The spread of CMA-ES at the start, in parts of a side of the box.
+/// Initial spread of CMA-ES, as a share of a side of the box.
 const SIGMA: f64 = 0.3;
-/// The same if it begins at a known gait.
+/// Initial spread of CMA-ES around a known gait, as a share of a side of the box.
 const SIGMA_NEAR: f64 = 0.15;
 
 impl fmt::Display for Method {

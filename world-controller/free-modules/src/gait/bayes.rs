@@ -5,10 +5,11 @@ use super::gaussian_process::Process;
 use metamorph_protocol::rng::Rng;
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
-/// Results that the model has at most: the latest ones and the best.
-const MOST: usize = 80;
-/// Points looked at before one is chosen: anywhere, and near the best one.
+/// Largest number of results that the model has: the latest ones and the best.
+const RESULTS_MAX: usize = 80;
+/// Number of points anywhere in the box that are rated before one is chosen.
 const ANYWHERE: usize = 400;
+/// Number of points near the best one that are rated before one is chosen.
 const NEAR: usize = 200;
 /// The spreads of points near the best one, in parts of a side of the box.
 const SPREADS: [f64; 2] = [0.1, 0.03];
@@ -34,7 +35,7 @@ impl Bayes {
 
     /// Returns the results that the model has.
     fn known(&self) -> Vec<&(Point, f64)> {
-        let recent = self.results.len().saturating_sub(MOST - 1);
+        let recent = self.results.len().saturating_sub(RESULTS_MAX - 1);
         let best = self.results[..recent].iter().reduce(|a, b| if b.1 > a.1 { b } else { a });
         best.into_iter().chain(&self.results[recent..]).collect()
     }
@@ -155,6 +156,6 @@ mod tests {
             let results = points.iter().map(|_| Scored { fitness: 0.0, behaviour: Vec::new() });
             learner.tell(&results.collect::<Vec<_>>());
         }
-        assert!(learner.known().len() <= MOST);
+        assert!(learner.known().len() <= RESULTS_MAX);
     }
 }

@@ -6,8 +6,8 @@ use super::ask_tell::{Learner, Point, Scored, normal};
 use metamorph_protocol::rng::Rng;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-/// The largest spread, in parts of a side of the box.
-const WIDEST: f64 = 1.0;
+/// Largest spread, as a share of a side of the box.
+const SPREAD_MAX: f64 = 1.0;
 
 /// The strategy.
 pub struct CmaEs {
@@ -107,7 +107,7 @@ impl CmaEs {
             covariance += step * step.transpose() * (rank_mu * weight);
         }
         let grown = self.sigma * libm::exp(path_of_sigma / damping * (norm / length - 1.0));
-        self.sigma = grown.clamp(1e-12, WIDEST);
+        self.sigma = grown.clamp(1e-12, SPREAD_MAX);
         // Rounding must not make it asymmetric, nor an eigenvalue negative.
         self.covariance = (&covariance + covariance.transpose()) * 0.5;
         let eigen = SymmetricEigen::new(self.covariance.clone());

@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 
 /// The distance of behaviours in which the function changes.
 const LENGTH: f64 = 0.4;
-/// How many standard deviations more than expected a gait may be worth.
+/// Number of standard deviations by which a gait may be better than expected.
 const HOPE: f64 = 0.05;
 /// The standard deviation of the function, as a share of the fastest elite's speed.
 const SPREAD: f64 = 0.3;

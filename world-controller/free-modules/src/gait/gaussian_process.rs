@@ -6,7 +6,7 @@ use super::ask_tell::Point;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::f64::consts::TAU;
 
-/// The variance of a value about the function, where that of the function is 1.
+/// Variance of a value about the function, as a ratio to the variance of the function.
 const NOISE: f64 = 0.01;
 
 /// A function with mean 0 and variance 1, as far as it is known.

@@ -3,14 +3,15 @@
 use super::ask_tell::{Learner, Point, Scored, anywhere, uniform};
 use metamorph_protocol::rng::Rng;
 
-/// Particles, as for the thesis's quadruped.
+/// Number of particles, as for the thesis's quadruped.
 const PARTICLES: usize = 80;
-/// The largest velocity, in parts of a side of the box.
-const FASTEST: f64 = 0.6;
-/// Attraction to the best point of the swarm, and to that of the particle.
+/// Largest velocity per step, as a share of a side of the box.
+const VELOCITY_MAX: f64 = 0.6;
+/// Factor of the attraction to the best point of the swarm.
 const SOCIAL: f64 = 2.05;
+/// Factor of the attraction to the best point of the particle.
 const COGNITIVE: f64 = 2.05;
-/// Constriction.
+/// Constriction factor of velocities.
 const CONSTRICTION: f64 = 0.729;
 
 #[derive(Clone)]
@@ -36,7 +37,8 @@ impl Swarm {
         let particles: Vec<Particle> = (0..PARTICLES)
             .map(|_| {
                 let at = anywhere(dimensions, &mut rng);
-                let velocity = (0..dimensions).map(|_| FASTEST * (2.0 * uniform(&mut rng) - 1.0)).collect();
+                let velocity =
+                    (0..dimensions).map(|_| VELOCITY_MAX * (2.0 * uniform(&mut rng) - 1.0)).collect();
                 Particle { best: at.clone(), at, velocity, fitness: f64::MIN }
             })
             .collect();
@@ -50,7 +52,7 @@ impl Particle {
             let own = COGNITIVE * uniform(rng) * (self.best[d] - self.at[d]);
             let social = SOCIAL * uniform(rng) * (best - self.at[d]);
             let velocity = CONSTRICTION * (self.velocity[d] + own + social);
-            self.velocity[d] = velocity.clamp(-FASTEST, FASTEST);
+            self.velocity[d] = velocity.clamp(-VELOCITY_MAX, VELOCITY_MAX);
             let next = self.at[d] + self.velocity[d];
             // Walls reflect at half the speed.
             let beyond = next - next.clamp(0.0, 1.0);

@@ -8,9 +8,9 @@ use std::collections::BTreeMap;
 
 /// Parts of the range of each number of a behaviour.
 const PARTS: f64 = 5.0;
-/// Points drawn before variation begins.
+/// Number of points drawn before variation begins.
 const DRAWN: usize = 4 * BATCH;
-/// The spread of a variation, in parts of a side of the box.
+/// Spread of a variation, as a share of a side of the box.
 const VARIATION: f64 = 0.1;
 
 /// A cell of the space of behaviours.

@@ -118,7 +118,7 @@ impl Space {
     }
 }
 
-/// Units of a phase in a turn.
+/// Number of units of a phase in a full turn.
 const TURN: f64 = 4_294_967_296.0;
 
 /// Returns an angle of radians.

@@ -13,8 +13,8 @@ use metamorph_protocol::roombots::lattice_pose::LatticePose;
 use metamorph_text::sources::Sources;
 use std::path::Path;
 
-/// The most actions of a plan that is checked.
-const MOST_ACTIONS: usize = 100_000;
+/// Largest number of actions of a plan that is checked.
+const ACTIONS_MAX: usize = 100_000;
 
 /// Reads and checks a plan. Returns it if it is valid.
 pub fn check_file(sources: &dyn Sources, path: &Path) -> Result<PlanFile, PlanError> {
@@ -38,8 +38,8 @@ pub fn check(place: &str, plan: &PlanFile) -> Result<(), PlanError> {
         let fix = "plan again from the same start: `metamorph plan --from FILE`".to_owned();
         PlanError::Check { place, reason, fix }
     };
-    if plan.actions.len() > MOST_ACTIONS {
-        return Err(bad(None, format!("it has more than {MOST_ACTIONS} actions")));
+    if plan.actions.len() > ACTIONS_MAX {
+        return Err(bad(None, format!("it has more than {ACTIONS_MAX} actions")));
     }
     let mut at = world(&start);
     at.check().map_err(|e| bad(None, format!("the start: {e}")))?;

@@ -20,7 +20,7 @@ use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::connector::Connector;
 use metamorph_protocol::roombots::posture::Posture;
 
-/// Expansions between two looks at the clock.
+/// Number of expansions between two looks at the clock.
 const SLICE: u64 = 256;
 
 /// A planner, as typed.

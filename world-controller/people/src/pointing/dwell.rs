@@ -4,9 +4,9 @@ use super::ray::Tile;
 use metamorph_protocol::time::{Span, Time};
 use std::collections::BTreeMap;
 
-/// How long a tile is pointed at before it is selected (thesis 9.2).
+/// Time for which a tile is pointed at before it is selected (thesis 9.2).
 pub const DWELL: Span = Span::secs(2);
-/// A tile that was not pointed at for so long has no charge.
+/// Time after which a tile that is not pointed at has lost its charge.
 const AWAY: Span = Span::secs(1);
 /// The longest time that counts between two samples: a tracker that stops selects nothing.
 const GAP: Span = Span::millis(250);

@@ -38,7 +38,7 @@ Exit codes:
 
 /// Version of the JSON output.
 pub const SCHEMA: u32 = 1;
-/// Tries at most.
+/// Largest number of tries.
 const MAX_TRIES: u64 = 1_000_000;
 
 /// Arguments of `point`.

@@ -1,9 +1,10 @@
 //! Where a ray from the head over the hand meets the floor.
 
-/// Edge of a tile in metres: that of a cell of Roombots.
+/// Length of the edge of a tile in metres: that of a cell of Roombots.
 pub const TILE: f64 = 0.11;
-/// Rays that meet the floor farther away than this, in metres, meet nothing: tiles there are seen too flat to be told apart.
-const FARTHEST: f64 = 20.0;
+/// Largest distance from the hand, in metres, at which a ray meets the floor: tiles farther away are seen too flat to
+/// be told apart.
+const DISTANCE_MAX: f64 = 20.0;
 
 /// A tile of the floor: its centre is at 0.11 m times these numbers.
 pub type Tile = [i32; 2];
@@ -19,7 +20,7 @@ pub fn tile(head: [f64; 3], hand: [f64; 3]) -> Option<Tile> {
     let point = [0, 1].map(|i| hand[i] + (hand[i] - head[i]) * along);
     let far = libm::hypot(point[0] - hand[0], point[1] - hand[1]);
     // A number that is no number is not near either.
-    (far <= FARTHEST).then(|| point.map(|x| libm::round(x / TILE) as i32))
+    (far <= DISTANCE_MAX).then(|| point.map(|x| libm::round(x / TILE) as i32))
 }
 
 #[cfg(test)]

@@ -9,8 +9,8 @@ use thiserror::Error;
 
 /// The longest line in bytes.
 pub const LONGEST: usize = 4096;
-/// Coordinates of a sample are below this, in metres.
-const FARTHEST: f64 = 1000.0;
+/// Largest distance of a sample from the origin along an axis, in metres.
+const COORDINATE_MAX: f64 = 1000.0;
 
 /// Why a line is refused.
 #[derive(Debug, Error)]
@@ -82,7 +82,7 @@ impl Track {
             return Err(SampleError::Value("t", t));
         }
         for (name, position) in [("head", head), ("hand", hand)] {
-            if let Some(x) = position.into_iter().find(|x| x.is_nan() || x.abs() >= FARTHEST) {
+            if let Some(x) = position.into_iter().find(|x| x.is_nan() || x.abs() >= COORDINATE_MAX) {
                 return Err(SampleError::Value(name, x));
             }
         }

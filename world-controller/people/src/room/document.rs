@@ -20,7 +20,7 @@ use toml::de::DeTable;
 pub const VERSION: u64 = 1;
 /// Bytes of a room file at most.
 pub const MAX_BYTES: u64 = 1 << 20;
-/// Constraints of a room at most.
+/// Largest number of constraints of a room.
 const MAX_CONSTRAINTS: usize = 256;
 /// Cells of all keep-out boxes at most.
 const MAX_KEPT_OUT: usize = 4_096;

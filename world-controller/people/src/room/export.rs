@@ -9,7 +9,7 @@ use metamorph_protocol::roombots::Kind;
 use std::fmt::Write;
 use thiserror::Error;
 
-/// Obstacles of a scenario at most: one fault each.
+/// Largest number of obstacles of a scenario: one fault each.
 const MAX_OBSTACLES: usize = 1_000;
 
 /// Why a room is no scenario.

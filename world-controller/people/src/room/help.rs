@@ -5,7 +5,7 @@ use super::model::{Placement, Room};
 use serde::Serialize;
 use std::collections::HashSet;
 
-/// Rooms that [`put_right`] looks at most.
+/// Largest number of rooms that [`put_right`] examines.
 const MAX_LOOKED_AT: usize = 200_000;
 
 /// Returns the nearest place for a piece at which it violates nothing, first by distance and then by turn, y and x;

@@ -6,13 +6,13 @@ use metamorph_protocol::lattice::Cell;
 use serde::Serialize;
 use std::sync::Arc;
 
-/// The edge of a cell in metres.
+/// Length of the edge of a cell in metres.
 pub const CELL_M: f64 = 0.11;
-/// Connectors along a side of a room at most.
+/// Largest length of a side of a room, in connectors.
 pub const MAX_SIDE: i16 = 256;
 /// Layers of a room at most.
 pub const MAX_HEIGHT: i16 = 64;
-/// Pieces of a room at most.
+/// Largest number of pieces of a room.
 pub const MAX_PIECES: usize = 128;
 
 /// A rectangle of connectors, both corners included.

@@ -12,7 +12,7 @@ use thiserror::Error;
 pub const VERSION: u32 = 1;
 /// Bytes of a log at most: an hour of eye positions has a tenth of that.
 pub const MAX_BYTES: u64 = 64 << 20;
-/// Mode of a new log: it is about a person.
+/// Mode bits of the file of a new log. Private: it holds personal data.
 const MODE: u32 = 0o600;
 
 /// How the person saw the room.

@@ -34,7 +34,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 
-/// The generation of the only controller.
+/// Number of the generation of the only controller.
 const GENERATION: u32 = 0;
 
 /// The backend that runs agents as threads of this process.

@@ -90,7 +90,9 @@ impl fmt::Display for CleanReport {
 }
 
 const OWNER: &str = "owner";
-const NAMES_TRIED: u64 = 256;
+/// Largest number of names tried for the directory of a run.
+const NAMES_TRIED_MAX: u64 = 256;
+/// Number of runs that this process has begun.
 static RUNS: AtomicU64 = AtomicU64::new(0);
 
 /// The directory of a run that this process controls. Removed, with the run's shared memory, when dropped.
@@ -110,7 +112,7 @@ impl RunDir {
     /// If a file cannot be created, or no name is free.
     pub fn create() -> Result<RunDir, RunDirError> {
         let me = Identity::own().map_err(|e| RunDirError::Create("/proc".into(), e))?;
-        for _ in 0..NAMES_TRIED {
+        for _ in 0..NAMES_TRIED_MAX {
             let name = RunDir::name_of(me, RUNS.fetch_add(1, Ordering::Relaxed));
             let part = Path::new(HOME).join(format!("{name}~{}.{}", me.pid, me.start));
             let lock = prepare(&part, me).map_err(|e| RunDirError::Create(part.clone(), e))?;

@@ -24,12 +24,12 @@ use std::sync::atomic::AtomicBool;
 
 /// The name of the hidden subcommand.
 pub const SUBCOMMAND: &str = "watch-run";
-/// The byte that a controller sends when it has removed everything.
+/// Code that a controller sends when it has removed everything.
 const DONE: u8 = b'.';
 /// The exit code of a controller that got SIGBUS: the program itself failed.
 const FAILED: i32 = 1;
-/// How long the watcher waits for the controller's process to disappear after its files are closed (s).
-const DYING: i64 = 5;
+/// Longest time that the watcher waits for the controller's process to disappear after its files are closed (s).
+const DYING_MAX: i64 = 5;
 
 /// The controller's end of the pipe.
 #[derive(Debug)]
@@ -95,7 +95,7 @@ pub fn watch(root: &Path) -> io::Result<()> {
         }
     }
     if let Some(controller) = controller {
-        let limit = Timespec { tv_sec: DYING, tv_nsec: 0 };
+        let limit = Timespec { tv_sec: DYING_MAX, tv_nsec: 0 };
         poll(&mut [PollFd::new(&controller, PollFlags::IN)], Some(&limit))?;
     }
     let why = if by_bus {

@@ -6,15 +6,15 @@ use metamorph_protocol::manipulation::structure::isolation::{CELL, Place, degree
 use metamorph_protocol::rng::Rng;
 use nalgebra::{DMatrix, SymmetricEigen};
 
-/// The side of the table in connectors.
+/// Length of a side of the table in connectors.
 const SIDE: i64 = 2;
-/// The side of the grid if all of its connectors are nodes.
+/// Length of a side of the grid if all of its connectors are nodes.
 const GRID: i64 = 13;
-/// Random structures for the order by both measures.
+/// Number of random structures for the order by both measures.
 const STRUCTURES: u64 = 1000;
-/// Units of a random structure at most.
-const UNITS: u64 = 20;
-/// A cell in metres.
+/// Largest number of units of a random structure.
+const UNITS_MAX: u64 = 20;
+/// Length of the edge of a cell in metres.
 const METRES: f64 = 0.11;
 
 /// The nodes of the table: the lower and the upper modules, the plate, and then connectors.
@@ -74,7 +74,7 @@ fn sorted(n: usize, measure: impl Fn(usize) -> f64) -> Vec<usize> {
 /// Draws a structure: units at different places of a box of 8 × 8 × 4 cells.
 fn random_structure(seed: u64) -> Vec<Place> {
     let mut rng = Rng::named(seed, "structure", 0);
-    let units = 3 + rng.below(UNITS - 2);
+    let units = 3 + rng.below(UNITS_MAX - 2);
     let mut places: Vec<Place> = Vec::new();
     while (places.len() as u64) < units {
         let place = [8, 8, 4].map(|n| rng.below(n) as i64 * CELL);

@@ -20,7 +20,7 @@ use metamorph_text::format::count;
 /// The number of searches through the whole space; each takes as long as several hundred searches for a first
 /// plan.
 const WHOLE: u64 = 3;
-/// Expansions between two looks at the interrupt.
+/// Number of expansions between two looks at the interrupt.
 const SLICE: u64 = 64;
 
 fn rules() -> Rules {

@@ -26,7 +26,7 @@ const PUBLISHED: [(NetworkKind, NetworkKind, [&str; 3]); 6] = [
     (NetworkKind::Blf, NetworkKind::Sym, ["57", "84*", "not tested"]),
     (NetworkKind::BlfSym, NetworkKind::Sym, ["35", "82*", "not tested"]),
 ];
-/// The largest probability that counts as a difference.
+/// Significance level: accepted rate of false findings.
 const SIGNIFICANT: f64 = 0.05;
 /// Trials after which speeds are listed.
 const LISTED: [usize; 5] = [10, 20, 40, 80, 400];

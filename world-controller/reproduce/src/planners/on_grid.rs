@@ -14,11 +14,11 @@ use metamorph_protocol::roombots::grid::landings;
 use metamorph_text::format::{count, percent};
 use std::rc::Rc;
 
-/// Connectors along each side of the floor.
+/// Length of a side of the floor in connectors.
 const SIDE: u8 = 20;
 /// Height of the columns in cells: more than a module reaches.
 const COLUMN: i16 = 3;
-/// Worlds of experiment 2 and trials of experiment 3, as published.
+/// Number of worlds of experiment 2 and of trials of experiment 3, as published.
 const PUBLISHED: u64 = 300;
 /// The number of edits of the floor in a trial of replanning, and of edits after which the module walks on.
 const EDITS: (u64, u64) = (40, 8);

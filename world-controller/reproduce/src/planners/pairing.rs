@@ -16,8 +16,8 @@ const NODES: [usize; 4] = [20, 30, 40, 60];
 const DEGREES: [u64; 6] = [3, 4, 5, 6, 7, 8];
 /// Cells of the drawn structures.
 const CELLS: [usize; 3] = [12, 20, 40];
-/// Graphs drawn at most for one that is valid.
-const DRAWS: u64 = 1_000;
+/// Largest number of graphs drawn for one that is valid.
+const DRAWS_MAX: u64 = 1_000;
 
 /// Counts over the drawn graphs.
 #[derive(Default)]
@@ -93,7 +93,7 @@ pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
 fn random_graphs(size: usize, degree: u64, seeds: u64, stop: &Interrupt) -> Tally {
     let mut tally = Tally::default();
     let mut rng = Rng::named(degree, "pairing", size as u64);
-    for _ in 0..seeds.saturating_mul(DRAWS) {
+    for _ in 0..seeds.saturating_mul(DRAWS_MAX) {
         if tally.valid == seeds || stop.is_set() {
             break;
         }

@@ -10,7 +10,7 @@ use metamorph_protocol::rng::Rng;
 use metamorph_protocol::roombots::Kind;
 use metamorph_text::format::{count, percent};
 
-/// Connectors along each side of the published floor.
+/// Length of a side of the published floor in connectors.
 const SIDE: i16 = 13;
 /// Cells along each edge of the published box.
 const BOX: i16 = 6;

@@ -8,7 +8,7 @@ use crate::Experiment;
 use metamorph_people::room::study::Session;
 use metamorph_people::room::study_format::{Mobility, Representation};
 
-/// Runs of one condition.
+/// Number of runs of one condition.
 const RUNS: f64 = 12.0;
 
 /// A measure of table 8.2.
@@ -57,8 +57,9 @@ const TABLE_8_2: [Measure; 3] = [
 const FACTORS: [(&str, [usize; 2], [usize; 2]); 2] =
     [("representation", [0, 1], [2, 3]), ("mobility", [0, 2], [1, 3])];
 
-/// Degrees of freedom of the error: of one factor alone, and of both with their interaction.
+/// Number of degrees of freedom of the error of one factor alone.
 const ONE_WAY: u32 = 46;
+/// Number of degrees of freedom of the error of both factors with their interaction.
 const TWO_WAY: u32 = 44;
 
 /// The conditions in the order of [`Measure::cells`].

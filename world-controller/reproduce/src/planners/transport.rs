@@ -18,11 +18,11 @@ use metamorph_text::format::{count, percent};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Terrains for each probability, as published.
+/// Number of terrains for each probability, as published.
 const PUBLISHED: u64 = 50;
 /// Probabilities that a connector exists, in tenths.
 const TENTHS: [u32; 4] = [8, 6, 4, 2];
-/// Mass of the cube in grams. The thesis does not give it.
+/// Weight of the cube in grams. The thesis does not give it.
 const GRAMS: u32 = 250;
 /// Weights of the lower bound in hundredths. The first finds a plan soon, the second one with fewer connections.
 const WEIGHTS: [u32; 2] = [500, 200];

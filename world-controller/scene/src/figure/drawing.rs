@@ -14,7 +14,7 @@ use metamorph_core::lattice::Cell;
 use metamorph_text::format::seconds;
 use std::collections::BTreeMap;
 
-/// Space around the picture, in points.
+/// Width of the space around the picture, in points.
 pub const MARGIN: f64 = 4.0;
 /// Height of titles, in points.
 const TITLE: f64 = 8.0;

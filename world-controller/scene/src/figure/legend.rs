@@ -11,13 +11,13 @@ use super::raster::text_width;
 use crate::visible::Colour;
 use metamorph_text::format::count;
 
-/// Space between the structure and the strip, in points.
+/// Height of the space between the structure and the strip, in points.
 pub const STRIP: f64 = 4.0;
 /// Height of letters, in points.
 const TEXT: f64 = 6.5;
 /// Height of a line of the legend, in points.
 const LINE: f64 = 10.0;
-/// Edge of a patch of colour, in points.
+/// Length of the edge of a patch of colour, in points.
 const PATCH: f64 = 6.5;
 /// Length of a line in the legend, in points.
 const LINE_LONG: f64 = 13.0;
@@ -31,8 +31,8 @@ const AXES_HIGH: f64 = 28.0;
 const BAR_HIGH: f64 = 13.0;
 /// Length of the scale of colours, in points.
 const COLOURS: f64 = 90.0;
-/// Members of a set that are explained at most.
-const MOST_MEMBERS: usize = 12;
+/// Largest number of members of a set that are explained.
+const MEMBERS_MAX: usize = 12;
 
 /// An entry of the legend.
 enum Entry {
@@ -72,9 +72,9 @@ fn entries(subject: &Subject<'_>, extent: &Extent) -> Vec<Entry> {
         ColorBy::Messages => entries.extend(number("messages (logarithmic)")),
         ColorBy::Seed | ColorBy::Module | ColorBy::Locks => {
             let what = if subject.style.color == ColorBy::Seed { subject.words.target } else { "module" };
-            let members = extent.members.iter().take(MOST_MEMBERS);
+            let members = extent.members.iter().take(MEMBERS_MAX);
             entries.extend(members.map(|m| Entry::Patch(theme.distinct(*m), None, format!("{what} {m}"))));
-            if extent.members.len() > MOST_MEMBERS {
+            if extent.members.len() > MEMBERS_MAX {
                 entries.push(Entry::Patch(theme.plain(), None, "…".to_owned()));
             }
         }

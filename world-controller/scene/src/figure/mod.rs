@@ -34,7 +34,7 @@ use std::io::{self, Write};
 use thiserror::Error;
 use tiny_skia::Pixmap;
 
-/// Frames of a moving picture at most.
+/// Largest number of frames of a moving picture.
 pub const MOST_FRAMES: u32 = 3_000;
 
 /// Why a figure cannot be drawn.

@@ -10,7 +10,7 @@ use super::solid::Solid;
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
 
-/// Edge of the squares of the picture in which solids are compared, in edges of a cell.
+/// Length of the edge of the squares of the picture in which solids are compared, in edges of a cell.
 const SQUARE: f64 = 2.0;
 /// Distance below which solids touch.
 const TOUCH: f64 = 1e-6;

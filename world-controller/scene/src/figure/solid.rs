@@ -10,8 +10,8 @@ use metamorph_core::lattice::{Cell, Face};
 use nalgebra::Vector3;
 use std::collections::BTreeSet;
 
-/// Points of a whole circle.
-const ROUND: u32 = 48;
+/// Number of points of a whole circle.
+const CIRCLE_POINTS: u32 = 48;
 /// Brightness of faces: turned up, to the front, and to the side; as on a body lit from above.
 const SHADES: [f64; 3] = [1.0, 0.8, 0.64];
 
@@ -192,8 +192,8 @@ fn half_ball(view: &View, owner: Owner, part: &Part, radius: f64, half_edge: f64
 
 /// Returns points of a circle.
 fn circle(middle: V, a: V, b: V, radius: f64) -> impl Iterator<Item = V> {
-    (0..ROUND).map(move |i| {
-        let (sin, cos) = libm::sincos(f64::from(i) / f64::from(ROUND) * std::f64::consts::TAU);
+    (0..CIRCLE_POINTS).map(move |i| {
+        let (sin, cos) = libm::sincos(f64::from(i) / f64::from(CIRCLE_POINTS) * std::f64::consts::TAU);
         let along = |axis: usize| middle[axis] + radius * (cos * a[axis] + sin * b[axis]);
         [along(0), along(1), along(2)]
     })

@@ -25,8 +25,8 @@ pub struct Stamp {
 
 impl From<Time> for Stamp {
     fn from(at: Time) -> Stamp {
-        const SECOND: u64 = 1_000_000_000;
-        Stamp { sec: at.0 / SECOND, nsec: (at.0 % SECOND) as u32 }
+        const SECOND_NS: u64 = 1_000_000_000;
+        Stamp { sec: at.0 / SECOND_NS, nsec: (at.0 % SECOND_NS) as u32 }
     }
 }
 

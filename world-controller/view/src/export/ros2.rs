@@ -220,8 +220,8 @@ impl Cdr {
         self
     }
     fn stamp(&mut self, at: Time) -> &mut Cdr {
-        const SECOND: u64 = 1_000_000_000;
-        self.u32((at.0 / SECOND) as u32).u32((at.0 % SECOND) as u32)
+        const SECOND_NS: u64 = 1_000_000_000;
+        self.u32((at.0 / SECOND_NS) as u32).u32((at.0 % SECOND_NS) as u32)
     }
     fn header(&mut self, at: Time, frame: &str) -> &mut Cdr {
         self.stamp(at).text(frame)
@@ -247,6 +247,7 @@ pub struct Marker {
 
 /// Returns the markers of all modules, in cells of one metre.
 pub fn markers(at: Time, markers: &[Marker]) -> Vec<u8> {
+    /// Code of a cube among the types of `visualization_msgs/Marker`.
     const CUBE: u32 = 1;
     let mut cdr = Cdr::new();
     cdr.u32(markers.len() as u32);

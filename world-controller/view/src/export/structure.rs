@@ -10,8 +10,8 @@ use nalgebra::{Isometry3, Matrix3, Unit, UnitQuaternion, Vector3};
 use std::collections::{BTreeMap, VecDeque};
 use thiserror::Error;
 
-/// Parts of a Roombots module: the halves of its two cubes. The joints are between them; a fixed connection is
-/// between the last half of one module and the first of the next.
+/// Number of parts of a Roombots module: the halves of its two cubes. The joints are between them; a fixed connection
+/// is between the last half of one module and the first of the next.
 const HALVES: usize = 4;
 /// Distance in cells below which coordinates are equal.
 const NEAR: f64 = 1e-6;

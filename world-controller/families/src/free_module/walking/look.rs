@@ -18,9 +18,9 @@ use metamorph_scene::visible::{ActionOutcome, Colour, GoalView, ModuleView, Role
 use metamorph_sim_bridge::free_module::physics_world::POSE_PERIOD;
 use nalgebra::{Isometry3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// Micrometres of a cell.
+/// Length of the edge of a cell in micrometres.
 const CELL: f64 = CELL_METRES * 1e6;
-/// Cubes of a module.
+/// Number of cubes of a module.
 const CUBES: usize = 2;
 
 /// Returns the parts of a body.

@@ -49,9 +49,9 @@ pub const DEFAULT_TRIALS: u64 = 20;
 pub const MOST_TRIALS: u64 = 10_000;
 /// Default time of a trial: a period to go over to the gait, and two that count.
 pub const DEFAULT_TRIAL: Span = Span::secs(15);
-/// The shortest trial.
+/// Shortest time of a trial.
 pub const SHORTEST_TRIAL: Span = Span::secs(8);
-/// The longest trial.
+/// Longest time of a trial.
 pub const LONGEST_TRIAL: Span = Span::secs(600);
 
 const START: &str = "start = \"quad5-sym\"";

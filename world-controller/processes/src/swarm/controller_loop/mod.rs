@@ -41,8 +41,8 @@ use std::time::Duration;
 const DRAIN: usize = 2_048;
 /// Number of rounds of world and director in one tick.
 const ROUNDS: usize = 64;
-/// The longest wait for a message or an event while the swarm starts or ends.
-const LONGEST_WAIT: Duration = Duration::from_secs(1);
+/// Longest time to wait for a message or an event while the swarm starts or ends.
+const WAIT_MAX: Duration = Duration::from_secs(1);
 
 /// The services that a controller runs over.
 pub struct Services<'a, B: Backend> {
@@ -196,7 +196,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
 
     fn wait_until(&mut self, deadline: u64) -> Result<(), SwarmError> {
         let left = Duration::from_nanos(deadline.saturating_sub(self.pace.monotonic()));
-        Ok(self.transport.wait(left.min(LONGEST_WAIT))?)
+        Ok(self.transport.wait(left.min(WAIT_MAX))?)
     }
 
     fn take_events(&mut self) -> Result<(), SwarmError> {

@@ -39,10 +39,10 @@ use std::time::Duration;
 const UNTAKEN: u32 = 64;
 /// Number of frames from agents elsewhere that may wait here.
 const HEARD: usize = 4_096;
-/// The longest wait for the accounts of the other hosts at the end.
-const SETTLING: Duration = Duration::from_secs(10);
-/// The longest wait before the links get a turn at the end.
-const TURN: Duration = Duration::from_millis(5);
+/// Longest time to wait for the accounts of the other hosts at the end.
+const ACCOUNTS_WAIT_MAX: Duration = Duration::from_secs(10);
+/// Longest time to wait before the links get a turn at the end.
+const LINKS_WAIT_MAX: Duration = Duration::from_millis(5);
 
 /// The backend.
 pub enum Hosts {}
@@ -565,10 +565,11 @@ impl HostsLauncher {
             shared.turn(&mut local);
             shared.frames.clear();
             let is_done = |host: &HostId| shared.lost.contains(host) || is_done(&shared, *host);
-            if (asked.iter().all(is_done) && shared.node.is_drained()) || begun.elapsed() > SETTLING {
+            if (asked.iter().all(is_done) && shared.node.is_drained()) || begun.elapsed() > ACCOUNTS_WAIT_MAX
+            {
                 return Ok(());
             }
-            local.wait(TURN)?;
+            local.wait(LINKS_WAIT_MAX)?;
         }
     }
 }

@@ -20,8 +20,8 @@ use std::time::Duration;
 const OUTGOING: usize = 64;
 /// Number of packets that may wait to be taken by the owner of all carriers; further ones are dropped.
 pub const INCOMING: usize = 256;
-/// The longest wait at the end for packets that wait to be sent.
-const LINGER: Duration = Duration::from_millis(200);
+/// Longest time to wait at the end for packets that are not sent yet.
+const LINGER_MAX: Duration = Duration::from_millis(200);
 
 /// Sends packets to one other host. Dropping it ends the connection.
 pub trait Carrier: Debug {
@@ -153,7 +153,7 @@ impl Drop for ThreadedCarrier {
     fn drop(&mut self) {
         // The thread that writes ends once it has written what waits, unless the other end reads nothing.
         self.packets = None;
-        wait_until(LINGER, || self.threads.last().is_none_or(|writer| writer.is_finished()));
+        wait_until(LINGER_MAX, || self.threads.last().is_none_or(|writer| writer.is_finished()));
         (self.stop)();
         for thread in self.threads.drain(..) {
             let _ = thread.join();

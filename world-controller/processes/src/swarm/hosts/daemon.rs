@@ -43,20 +43,20 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 use thiserror::Error;
 
-/// The generation of a daemon, as the controller of its agents.
+/// Number of the generation of a daemon, as the controller of its agents.
 const GENERATION: u32 = 0;
 /// The name of the file with the counts of a daemon itself, as if the controller of its agents were one of them.
 pub const OWN_COUNTERS: AgentKey = (CONTROLLER, Incarnation(GENERATION as u16));
 /// Number of frames taken from the inbox in one turn.
 const DRAIN: usize = 2_048;
-/// The longest wait for the next turn while something has to be tried again.
-const RETRY: Duration = Duration::from_millis(20);
-/// The longest wait otherwise, after which connections and requests to end are looked for.
-const LONGEST_WAIT: Duration = Duration::from_millis(100);
-/// The shortest wait for the clock of another machine.
-const CLOCK: Duration = Duration::from_millis(1);
+/// Longest time to wait for the next turn while something has to be tried again.
+const RETRY_WAIT_MAX: Duration = Duration::from_millis(20);
+/// Longest time to wait otherwise. After it the daemon looks for connections and requests to end.
+const WAIT_MAX: Duration = Duration::from_millis(100);
+/// Shortest time to wait for the clock of another machine.
+const CLOCK_WAIT_MIN: Duration = Duration::from_millis(1);
 
-/// How long a daemon that is asked to end keeps the counts of a run that goes on.
+/// Time for which a daemon that is asked to end keeps the counts of a run in progress.
 const LAST_CALL: Duration = Duration::from_secs(1);
 
 /// A program and its arguments.
@@ -132,14 +132,14 @@ pub fn daemon(options: &DaemonOptions) -> Result<(), DaemonError> {
             if remains.is_empty() {
                 break;
             }
-            std::thread::park_timeout(RETRY);
+            std::thread::park_timeout(RETRY_WAIT_MAX);
             continue;
         }
         if options.once && getppid() != parent {
             // A killed controller must not leave behind daemons that serve no run.
             break;
         }
-        match gate.incoming.recv_timeout(LONGEST_WAIT) {
+        match gate.incoming.recv_timeout(WAIT_MAX) {
             Ok((Opening::Serve(assignment), visitor)) => {
                 let run = assignment.run;
                 match serve(options, &assignment, visitor, &gate, &mut remains) {
@@ -374,7 +374,7 @@ impl Share<'_> {
                 node.tell(HostId::CONTROLLER, &ToController::Taken(agent, count));
             }
             node.residents.flush();
-            let is_due = self.draining || self.sent.elapsed() > LONGEST_WAIT;
+            let is_due = self.draining || self.sent.elapsed() > WAIT_MAX;
             let is_sent = self.written.as_mut().filter(|_| is_due).is_none_or(|written| {
                 self.sent = Stopwatch::start();
                 written.send(|stretch| node.tell_in_bulk(HostId::CONTROLLER, &stretch))
@@ -389,11 +389,11 @@ impl Share<'_> {
             self.counters.write(&account)?;
             node.turn(&mut self.transport);
             let is_behind = node.residents.is_behind() || node.is_behind(HostId::CONTROLLER) || self.draining;
-            let longest = if is_behind { RETRY } else { LONGEST_WAIT };
+            let longest = if is_behind { RETRY_WAIT_MAX } else { WAIT_MAX };
             let due = self.follower.as_ref().and_then(Follower::due);
             let due = due.map_or(longest, |due| Duration::from_nanos(due.saturating_sub(monotonic())));
             // A clock that stands still is not looked at all the time.
-            let wait = node.wait().min(longest).min(due.max(CLOCK));
+            let wait = node.wait().min(longest).min(due.max(CLOCK_WAIT_MIN));
             if heard < DRAIN && !wait.is_zero() {
                 self.transport.wait(wait)?;
             }
@@ -474,7 +474,7 @@ impl Share<'_> {
 
     /// Connects to hosts of higher number on this machine.
     fn dial(&mut self) {
-        if self.dialled.is_some_and(|last| last.elapsed() < LONGEST_WAIT) {
+        if self.dialled.is_some_and(|last| last.elapsed() < WAIT_MAX) {
             return;
         }
         self.dialled = Some(Stopwatch::start());

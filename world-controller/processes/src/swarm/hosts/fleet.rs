@@ -31,10 +31,10 @@ use std::sync::Arc;
 use std::time::Duration;
 use thiserror::Error;
 
-/// The longest wait for a daemon to listen.
-const STARTING: Duration = Duration::from_secs(30);
-/// The longest wait for a daemon to end before it is killed.
-const ENDING: Duration = Duration::from_secs(10);
+/// Longest time to wait for a daemon to listen.
+const START_WAIT_MAX: Duration = Duration::from_secs(30);
+/// Longest time to wait for a daemon to end before it is killed.
+const END_WAIT_MAX: Duration = Duration::from_secs(10);
 
 /// The reason why the daemons of a run are not to be had.
 #[derive(Debug, Error)]
@@ -275,7 +275,7 @@ impl Fleet {
     /// Connects to a daemon that was just started, which takes a moment to listen.
     fn connect(&mut self, socket: &Path) -> io::Result<UnixStream> {
         let mut connected = UnixStream::connect(socket);
-        wait_until(STARTING, || {
+        wait_until(START_WAIT_MAX, || {
             if connected.is_err() {
                 connected = UnixStream::connect(socket);
             }
@@ -346,12 +346,12 @@ impl Drop for Fleet {
         if self.are_inherited {
             // They are no children of this process.
             let roots = || self.roots.values().flatten();
-            wait_until(ENDING, || roots().all(|root| !root.is_dir()));
+            wait_until(END_WAIT_MAX, || roots().all(|root| !root.is_dir()));
         }
         let begun = Stopwatch::start();
         let mut killed = false;
         for child in &mut self.started {
-            let left = ENDING.saturating_sub(begun.elapsed());
+            let left = END_WAIT_MAX.saturating_sub(begun.elapsed());
             if !wait_until(left, || !matches!(child.try_wait(), Ok(None))) {
                 killed = true;
                 let _ = child.kill();

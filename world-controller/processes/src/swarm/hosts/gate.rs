@@ -16,10 +16,10 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Duration;
 
-/// How long a new connection may take to say what it is for.
-const OPENING: Duration = Duration::from_secs(30);
-/// Openings that may wait.
-const WAITING: usize = 16;
+/// Longest time that a new connection may take to send its opening.
+const OPENING_MAX: Duration = Duration::from_secs(30);
+/// Largest number of openings that wait.
+const WAITING_MAX: usize = 16;
 
 /// Where a daemon is reached.
 pub struct Gate {
@@ -36,7 +36,7 @@ impl Gate {
     /// # Errors
     /// If the address cannot be used, or keys are missing.
     pub fn open(options: &DaemonOptions) -> Result<Gate, DaemonError> {
-        let (sender, incoming) = sync_channel(WAITING);
+        let (sender, incoming) = sync_channel(WAITING_MAX);
         match &options.address {
             Address::Unix(path) => {
                 let listener = bind(path).map_err(|e| DaemonError::Listen(path.clone(), e))?;
@@ -57,7 +57,7 @@ impl Gate {
                 let net = net::Net::new(keys, Some(&options.address)).map_err(DaemonError::Session)?;
                 let net = Arc::new(net);
                 let (door, build, room) = (Arc::clone(&net), options.build, options.most);
-                let (knocks, knocking) = sync_channel::<net::Knock>(WAITING);
+                let (knocks, knocking) = sync_channel::<net::Knock>(WAITING_MAX);
                 let serve = move || {
                     if let Err(e) = net::serve(&door, build, room, &knocks) {
                         tracing::error!("nothing more is taken from the network: {e}");
@@ -134,7 +134,7 @@ fn accept(listener: &UnixListener, sender: &SyncSender<Incoming>) {
     for stream in listener.incoming() {
         let sender = sender.clone();
         let open = move |mut stream: UnixStream| -> io::Result<()> {
-            stream.set_read_timeout(Some(OPENING))?;
+            stream.set_read_timeout(Some(OPENING_MAX))?;
             let opening = read_opening(&mut stream)?;
             // Fails only at the daemon's end.
             let _ = sender.send((opening, Visitor::Unix(stream)));

@@ -15,7 +15,7 @@ use thiserror::Error;
 pub const VERSION: u64 = 1;
 /// Largest size of a hosts file in bytes.
 const LIMIT: u64 = 1 << 20;
-/// How far the clock of another machine may be off by default.
+/// Default time by which the clock of another machine may be off.
 const CLOCK_ERROR: Span = Span::millis(5);
 /// The shortest time of silence: four acknowledgements.
 const SHORTEST: Span = Span::secs(1);

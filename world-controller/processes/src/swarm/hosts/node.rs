@@ -35,10 +35,10 @@ use std::time::Duration;
 pub const PROGRAM: u32 = 4;
 /// Number of packets taken in one turn.
 const PACKETS: usize = 256;
-/// How long a controller may take at least to get all hosts together before it is heard.
-const GRACE: Span = Span::secs(60);
-/// Refusals of one host in a second that are logged.
-const NAMED: u32 = 50;
+/// Shortest time that a controller may take to get all hosts together before it is heard.
+const GRACE_MIN: Span = Span::secs(60);
+/// Largest number of refusals of one host per second that are logged.
+const NAMED_MAX: u32 = 50;
 /// Bytes of a stream that may wait for its window before the owner should say no more.
 const BACKLOG: usize = 1 << 20;
 
@@ -148,7 +148,7 @@ impl<L: Link> Node<L> {
             opened: 0,
             life,
             generation,
-            grace: assignment.silent_and_fence.1.max(GRACE),
+            grace: assignment.silent_and_fence.1.max(GRACE_MIN),
             lease: None,
             changes: VecDeque::new(),
             residents: Residents::new(),
@@ -508,7 +508,7 @@ impl Peer {
             self.refused = (second, 0);
         }
         self.refused.1 += 1;
-        self.refused.1 <= NAMED
+        self.refused.1 <= NAMED_MAX
     }
 
     /// Gives the link its turn and the carrier its packets.

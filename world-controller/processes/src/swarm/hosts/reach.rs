@@ -16,9 +16,9 @@ use std::sync::Arc;
 use std::time::Duration;
 use thiserror::Error;
 
-/// The longest wait for an answer.
-const ANSWERING: Duration = Duration::from_secs(30);
-/// The longest wait for a daemon on a network to be heard, when nothing is urgent.
+/// Longest time to wait for an answer.
+const ANSWER_WAIT_MAX: Duration = Duration::from_secs(30);
+/// Longest time to wait for a daemon on a network to be heard, when nothing is urgent.
 pub const MEETING: Duration = Duration::from_secs(10);
 
 /// Why a daemon is not reached.
@@ -146,7 +146,7 @@ impl Reach {
     /// # Errors
     /// If the connection fails.
     pub fn ask_on(mut stream: UnixStream, opening: &Opening) -> io::Result<Reached> {
-        stream.set_read_timeout(Some(ANSWERING))?;
+        stream.set_read_timeout(Some(ANSWER_WAIT_MAX))?;
         write_opening(&mut stream, opening)?;
         let answer = read_opening(&mut stream)?;
         Ok(Reached { answer, stream: Some(stream), clock_error: None })
@@ -166,7 +166,7 @@ impl Reach {
         net::probe(net.keys(), host, address).map_err(|e| ReachError::Fault(host, address.clone(), e))?;
         let failed = |e| ReachError::Visit(host, address.clone(), e);
         let mut visit = net::Visit::begin(net, host, self.build, meeting).map_err(failed)?;
-        let answer = visit.ask(opening, ANSWERING).map_err(failed)?;
+        let answer = visit.ask(opening, ANSWER_WAIT_MAX).map_err(failed)?;
         let clock = visit.clock(measure).map_err(failed)?;
         let clock_error = clock.map(|clock| Span(clock.error()));
         Ok(Reached { answer, stream: None, clock_error })

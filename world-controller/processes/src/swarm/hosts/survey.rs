@@ -11,7 +11,7 @@ use metamorph_protocol::time::Span;
 use std::path::Path;
 use std::time::Duration;
 
-/// How long clock stamps are exchanged with each host.
+/// Time for which clock stamps are exchanged with each host.
 const MEASURING: Duration = Duration::from_millis(600);
 
 /// The daemons of a hosts file.

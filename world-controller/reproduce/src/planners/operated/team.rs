@@ -15,9 +15,9 @@ use metamorph_sim_bridge::metamodule::world::MetamoduleWorld;
 use metamorph_text::format::percent;
 use std::ops::Range;
 
-/// A swarm of a team ends after a standstill of this long only: it waits for its operator.
+/// Time of a standstill after which a swarm of a team ends. It is long, since the swarm waits for its operator.
 const STALL: Span = Span::secs(1200);
-/// The end of a run in any case.
+/// Scenario time at which a run ends in any case.
 const TIMEOUT: Time = Time(7_200_000_000_000);
 /// The operator's number.
 const OPERATOR: u16 = 1;

@@ -31,17 +31,17 @@ use zenoh::Wait;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 
-/// Duration of each measurement of throughput.
-const LONG: Duration = Duration::from_secs(2);
-/// Round trips of each measurement of latency.
+/// Duration of each measurement of throughput in real time.
+const MEASUREMENT_TIME: Duration = Duration::from_secs(2);
+/// Number of round trips of each measurement of latency.
 const TRIPS: u32 = 500;
-/// The longest wait for anything.
-const PATIENCE: Duration = Duration::from_secs(20);
-/// The longest wait of an end that has nothing to do.
-const IDLE: Duration = Duration::from_millis(1);
+/// Longest time to wait for anything.
+const WAIT_MAX: Duration = Duration::from_secs(20);
+/// Longest time that an end without work waits.
+const IDLE_MAX: Duration = Duration::from_millis(1);
 /// Length of a frame in bytes.
 const FRAME: usize = 96;
-/// Frames handed in before the link gets a turn.
+/// Number of frames handed in before the link gets a turn.
 const TURN: usize = 256;
 
 /// Why a measurement fails.
@@ -189,7 +189,7 @@ fn host_link(near: &Keys, far: &Keys) -> Result<(Cost, u64), NetBenchError> {
     let (over, echo) = (Arc::clone(&is_over), Arc::clone(&echoes));
     let answering = std::thread::spawn(move || -> io::Result<()> {
         while !over.load(Ordering::Relaxed) {
-            let taken = there.turn(IDLE)?;
+            let taken = there.turn(IDLE_MAX)?;
             for number in (0..taken as u32).filter(|_| echo.load(Ordering::Relaxed)) {
                 let _ = there.link.offer(Time(monotonic()), &frame(number));
             }
@@ -210,8 +210,8 @@ fn host_link(near: &Keys, far: &Keys) -> Result<(Cost, u64), NetBenchError> {
 fn drive(here: &mut End, echoes: &AtomicBool) -> Result<(Cost, u64), NetBenchError> {
     let begun = Stopwatch::start();
     while here.link.state() != State::Up {
-        here.turn(IDLE)?;
-        if begun.elapsed() > PATIENCE {
+        here.turn(IDLE_MAX)?;
+        if begun.elapsed() > WAIT_MAX {
             return Err(NetBenchError::Late("the greeting of a host link"));
         }
     }
@@ -219,8 +219,8 @@ fn drive(here: &mut End, echoes: &AtomicBool) -> Result<(Cost, u64), NetBenchErr
     for number in 0..TRIPS {
         let begun = Stopwatch::start();
         let _ = here.link.offer(Time(monotonic()), &frame(number));
-        while here.turn(IDLE)? == 0 {
-            if begun.elapsed() > PATIENCE {
+        while here.turn(IDLE_MAX)? == 0 {
+            if begun.elapsed() > WAIT_MAX {
                 return Err(NetBenchError::Late("the answer to a frame"));
             }
         }
@@ -229,7 +229,7 @@ fn drive(here: &mut End, echoes: &AtomicBool) -> Result<(Cost, u64), NetBenchErr
     echoes.store(false, Ordering::Relaxed);
     let (before, taken, begun) = (processor_time(), total(&here.link.counts().taken), Stopwatch::start());
     let mut number = 0;
-    while begun.elapsed() < LONG {
+    while begun.elapsed() < MEASUREMENT_TIME {
         let room = FRAME_WINDOW - here.link.open_frames();
         for _ in 0..room.min(TURN) {
             number += 1;
@@ -237,7 +237,7 @@ fn drive(here: &mut End, echoes: &AtomicBool) -> Result<(Cost, u64), NetBenchErr
                 break;
             }
         }
-        here.turn(if room == 0 { IDLE } else { Duration::ZERO })?;
+        here.turn(if room == 0 { IDLE_MAX } else { Duration::ZERO })?;
     }
     let (real, processor) = (begun.elapsed().as_secs_f64(), processor_time() - before);
     let frames = (total(&here.link.counts().taken) - taken) as f64;
@@ -302,15 +302,15 @@ fn bare(near: &Keys, far: &Keys) -> Result<Cost, NetBenchError> {
     let mut trips = trips(&ping, &bytes, &answers)?;
     let puts = publisher(&near, ("h1", "h2"), "p", CongestionControl::Block, false)?;
     let (before, begun, mut sent) = (processor_time(), Stopwatch::start(), 0);
-    while begun.elapsed() < LONG {
+    while begun.elapsed() < MEASUREMENT_TIME {
         puts.put(bytes.clone()).wait().map_err(NetBenchError::Zenoh)?;
         sent += 1;
     }
     while counted.load(Ordering::Relaxed) < sent {
-        if begun.elapsed() > LONG + PATIENCE {
+        if begun.elapsed() > MEASUREMENT_TIME + WAIT_MAX {
             return Err(NetBenchError::Late("the arrival of what was put"));
         }
-        std::thread::park_timeout(IDLE);
+        std::thread::park_timeout(IDLE_MAX);
     }
     let (real, processor) = (begun.elapsed().as_secs_f64(), processor_time() - before);
     Ok(cost(sent as f64, real, processor, &mut trips))
@@ -325,10 +325,10 @@ fn trips(ping: &Publisher<'_>, bytes: &[u8], answers: &Receiver<()>) -> Result<V
     let begun = Stopwatch::start();
     // Until the sessions are connected, nothing comes back.
     while once(Duration::from_millis(50))?.is_none() {
-        if begun.elapsed() > PATIENCE {
+        if begun.elapsed() > WAIT_MAX {
             return Err(NetBenchError::Late("the connection of two sessions"));
         }
     }
-    let trip = |_| once(PATIENCE)?.ok_or(NetBenchError::Late("the answer to a put"));
+    let trip = |_| once(WAIT_MAX)?.ok_or(NetBenchError::Late("the answer to a put"));
     (0..TRIPS).map(trip).collect()
 }

@@ -21,12 +21,12 @@ use std::time::Duration;
 
 /// The time between two greetings, and between two acknowledgements: fast, since people wait for answers.
 const EVERY: Span = Span::millis(50);
-/// The longest wait of a daemon before it looks for answers that it has to give.
-const LOOK: Duration = Duration::from_millis(20);
+/// Longest time that a daemon waits before it looks for answers that it has to give.
+const ANSWER_WAIT_MAX: Duration = Duration::from_millis(20);
 /// Bytes given to the stream in one turn.
 const PIECE: usize = 1 << 18;
-/// Refused packets in a second that are named in the log; what comes beyond is counted.
-const NAMED: u32 = 50;
+/// Largest number of refused packets per second that are named in the log; the rest is counted.
+const NAMED_MAX: u32 = 50;
 
 /// Proofs by HMAC-SHA-256 with the token of the site.
 pub struct Token(hmac::Key);
@@ -182,7 +182,7 @@ impl Visit {
                 return Ok(answer);
             }
             let before = talk.link.open_bytes(Channel::Stream) + talk.to_say.len();
-            talk.turn(LOOK)?;
+            talk.turn(ANSWER_WAIT_MAX)?;
             // A large share takes its time, as long as it gets on.
             if talk.link.open_bytes(Channel::Stream) + talk.to_say.len() != before {
                 heard = Stopwatch::start();
@@ -236,16 +236,20 @@ pub fn serve(net: &Arc<Net>, build: u64, room: u32, openings: &SyncSender<Knock>
     let (mut life, mut answer): (Option<Life>, Option<Receiver<Answer>>) = (None, None);
     let (mut named, mut second) = (0, Stopwatch::start());
     loop {
-        talk.turn(LOOK)?;
+        talk.turn(ANSWER_WAIT_MAX)?;
         if second.elapsed() >= Duration::from_secs(1) {
-            if named > NAMED {
-                tracing::warn!("{} further packets of {} were refused", named - NAMED, HostId::CONTROLLER);
+            if named > NAMED_MAX {
+                tracing::warn!(
+                    "{} further packets of {} were refused",
+                    named - NAMED_MAX,
+                    HostId::CONTROLLER
+                );
             }
             (named, second) = (0, Stopwatch::start());
         }
         if let Some(refused) = talk.refused.take() {
             named += 1;
-            if named <= NAMED {
+            if named <= NAMED_MAX {
                 tracing::warn!("a packet from {} is refused: {refused}", HostId::CONTROLLER);
             }
         }

@@ -21,7 +21,7 @@ const TOKEN: &str = "token";
 const TOKEN_SIZE: usize = 32;
 /// Largest file of keys in bytes.
 const LIMIT: u64 = 1 << 20;
-/// How long before now certificates are valid, since clocks of machines differ.
+/// Time before now from which certificates are valid, since clocks of machines differ.
 const BEFORE: Duration = Duration::from_secs(3_600);
 
 /// Why keys cannot be made or used.

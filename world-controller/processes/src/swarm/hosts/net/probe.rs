@@ -14,10 +14,10 @@ use std::time::Duration;
 use thiserror::Error;
 use x509_parser::prelude::{FromDer, X509Certificate};
 
-/// The longest wait for a connection, and for each step of the handshake.
-const PATIENCE: Duration = Duration::from_secs(3);
-/// How long a daemon that refuses this host's certificate may take to say so.
-const VERDICT: Duration = Duration::from_millis(500);
+/// Longest time to wait for a connection, and for each step of the handshake.
+const WAIT_MAX: Duration = Duration::from_secs(3);
+/// Longest time that a daemon that refuses this host's certificate takes to say so.
+const VERDICT_MAX: Duration = Duration::from_millis(500);
 
 /// Fault in the connection to a daemon.
 #[derive(Debug, Error)]
@@ -68,7 +68,7 @@ pub fn probe(keys: &Keys, host: HostId, address: &Address) -> Result<(), Fault> 
     let nowhere = io::Error::new(ErrorKind::NotFound, "it has no address");
     let mut connected = Err(nowhere);
     for target in targets {
-        connected = TcpStream::connect_timeout(&target, PATIENCE);
+        connected = TcpStream::connect_timeout(&target, WAIT_MAX);
         if connected.is_ok() {
             break;
         }
@@ -77,7 +77,7 @@ pub fn probe(keys: &Keys, host: HostId, address: &Address) -> Result<(), Fault> 
     let name = ServerName::try_from(machine.clone()).map_err(|e| Fault::Other(e.to_string()))?;
     let mut tls =
         ClientConnection::new(Arc::new(config(keys)?), name).map_err(|e| Fault::Other(e.to_string()))?;
-    stream.set_read_timeout(Some(PATIENCE)).map_err(Fault::Connect)?;
+    stream.set_read_timeout(Some(WAIT_MAX)).map_err(Fault::Connect)?;
     while tls.is_handshaking() {
         tls.complete_io(&mut stream).map_err(fault)?;
     }
@@ -86,7 +86,7 @@ pub fn probe(keys: &Keys, host: HostId, address: &Address) -> Result<(), Fault> 
         return Err(Fault::Host(named.unwrap_or_default()));
     }
     // With TLS 1.3 the daemon judges this host's certificate only now.
-    stream.set_read_timeout(Some(VERDICT)).map_err(Fault::Connect)?;
+    stream.set_read_timeout(Some(VERDICT_MAX)).map_err(Fault::Connect)?;
     match rustls::Stream::new(&mut tls, &mut stream).read(&mut [0]) {
         Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => Ok(()),
         Err(e) if e.get_ref().is_some_and(|e| e.is::<rustls::Error>()) => Err(fault(e)),

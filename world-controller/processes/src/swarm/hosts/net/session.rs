@@ -19,7 +19,7 @@ use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::{Sample, SampleKind};
 
-/// The run of conversations that belong to none: openings, and questions.
+/// Number of the run of conversations that belong to none: openings, and questions.
 pub const DOOR: u64 = 0;
 
 /// Why a session cannot be opened.

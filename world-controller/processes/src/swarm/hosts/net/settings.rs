@@ -10,9 +10,9 @@ use serde_json::{Value, json};
 
 /// Largest message that a session takes, in bytes; a packet is at most 60,000 bytes long.
 const MAX_MESSAGE: usize = 131_072;
-/// Connections that may be in the middle of a handshake.
-const PENDING: u32 = 16;
-/// Sessions besides one with each host.
+/// Largest number of connections in the middle of a handshake.
+const PENDING_MAX: u32 = 16;
+/// Number of sessions besides one with each host.
 const SPARE_SESSIONS: usize = 8;
 
 /// Returns the key on which a host puts packets for another in a run; `service` may be `*`.
@@ -51,7 +51,7 @@ pub fn settings(keys: &Keys, listen: &[String], connect: &[String]) -> Value {
         "timestamping": { "enabled": false },
         "transport": {
             "unicast": {
-                "accept_pending": PENDING,
+                "accept_pending": PENDING_MAX,
                 "max_sessions": MAX_HOSTS + SPARE_SESSIONS,
             },
             "link": {
