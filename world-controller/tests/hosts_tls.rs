@@ -235,7 +235,7 @@ fn a_wrong_token_name_or_build_and_plain_tcp_are_refused_by_name() {
     is_named(&site, "does not speak TLS");
 }
 
-/// Neither plain TCP nor TLS without a certificate gets anything out of a daemon, and it goes on serving.
+/// Neither plain TCP nor TLS without a certificate gets anything out of a daemon, and it keeps serving.
 #[test]
 fn a_daemon_refuses_who_has_no_certificate() {
     let mut site = Site::new(2);
@@ -281,7 +281,7 @@ fn zenoh_does_not_compress() {
     }
 }
 
-/// A daemon that dies takes its modules along; the rest goes on, and the journal, with torn parts, replays.
+/// A daemon that dies takes its modules along; the rest continues, and the journal, with torn parts, replays.
 #[test]
 fn a_lost_machine_takes_its_modules_along() {
     let _alone = ALONE.lock();
@@ -379,7 +379,8 @@ fn a_run_on_three_machines_goes_on_with_another_controller() {
     assert!((0..2).all(|i| site.log(i).contains("another controller has taken over")));
 }
 
-/// A daemon that does not answer the new controller may go on until its lease ends, and so long it is not counted as dead.
+/// A daemon that does not answer the new controller may continue until its lease ends, and is not counted as dead until
+/// then.
 #[test]
 fn a_machine_that_does_not_answer_the_new_controller_is_lost() {
     let _alone = ALONE.lock();

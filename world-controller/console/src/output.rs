@@ -353,7 +353,7 @@ fn place(path: &Path) -> io::Result<Place> {
 /// Opens a device, a pipe or a descriptor, without waiting for a reader.
 fn stream(path: &Path) -> io::Result<File> {
     if path.file_name().is_some_and(|name| name == "1") && path.starts_with("/proc") {
-        // Opened anew, it would start at offset 0 of a file and overwrite what was printed.
+        // Opened again, it would start at offset 0 of a file and overwrite what was printed.
         return io::stdout().as_fd().try_clone_to_owned().map(File::from);
     }
     let flags = (OFlags::NONBLOCK | OFlags::NOCTTY).bits() as i32;

@@ -12,7 +12,7 @@ use metamorph_kernel::director::proof::{Found, RuleSet};
 
 /// A standstill as a search problem: what could still have been done?
 pub trait Question {
-    /// Searches for a way to go on, and returns the result for the report of a run.
+    /// Searches for a way to continue, and returns the result for the report of a run.
     fn prospect(&self) -> Prospect;
     /// Returns the widest rules under which progress is proved impossible, or else the search's result.
     /// `misplaced` says whether more may be possible with the goal at another place.

@@ -1,4 +1,4 @@
-//! Why an experiment cannot be repeated.
+//! Errors of a reproduction: the reasons why an experiment cannot be repeated.
 
 use metamorph_console::output::OutputError;
 use metamorph_experiments::sweep::SweepError;

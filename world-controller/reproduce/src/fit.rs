@@ -1,4 +1,4 @@
-//! How well a reading of the thesis's text agrees with its tables: exact tests of the share built, by
+//! The agreement of a reading of the thesis's text with its tables: exact tests of the share built, by
 //! strategy and goal, over all of these together, and over kinds.
 
 use super::Goal;

@@ -21,7 +21,7 @@ pub enum Verb {
     Pause,
     /// The process is killed and restarted without its memory.
     Restart,
-    /// The joint sticks, for a time or for good.
+    /// The joint sticks, for a time or permanently.
     Stick,
 }
 

@@ -134,7 +134,7 @@ impl Graph {
         }
         let (mut sum, mut best, mut moved, mut kept) = (0, 0, Vec::new(), 0);
         while let (Some(a), Some(b)) = (sides[0].last().copied(), sides[1].last().copied()) {
-            // The exchange of neighbours saves two less than each alone, so the second is asked anew.
+            // The exchange of neighbours saves two less than each alone, so the gain of the second is computed again.
             for module in [a.1, b.1] {
                 let gain = self.gain(module, near);
                 sides[usize::from(near[module])].remove(&(gain, module));

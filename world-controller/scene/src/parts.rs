@@ -31,7 +31,7 @@ pub enum Shape {
     },
 }
 
-/// The shade of a part, by which the parts of a body are told apart; the hue shows the state of the module.
+/// The shade of a part, which distinguishes the parts of a body; the hue shows the state of the module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Tone {

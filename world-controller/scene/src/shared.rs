@@ -16,7 +16,7 @@ impl Shared {
     pub fn lock(&self) -> MutexGuard<'_, Scene> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
-    /// Replaces the scene by another version of the same run. Pages begin anew.
+    /// Replaces the scene by another version of the same run. Pages start again from the beginning.
     pub fn replace(&self, mut scene: Scene) {
         let mut shared = self.lock();
         scene.succeed(&shared);

@@ -81,7 +81,7 @@ pub struct Words {
     pub roles: [Role; 3],
     /// The colour role of a module that moves, unless it reports that role itself.
     pub moving_role: Option<u8>,
-    /// Scale of drawn parts, below 1 so that neighbours can be told apart.
+    /// Scale of drawn parts, below 1 so that neighbours can be distinguished.
     pub scale: f64,
     /// Scale while messages are shown, if bodies hide what is between them.
     pub scale_among_messages: Option<f64>,

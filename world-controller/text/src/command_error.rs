@@ -1,4 +1,4 @@
-//! How commands fail: with a text and an exit code.
+//! Errors of commands: a text and an exit code.
 
 use std::error::Error;
 

@@ -1,4 +1,4 @@
-//! Where the files come from that a scenario names: the caller hands in a [`Sources`], so that a scenario can be read
+//! The source of the files that a scenario names: the caller hands in a [`Sources`], so that a scenario can be read
 //! without a file system.
 
 use std::io;

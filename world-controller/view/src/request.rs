@@ -303,7 +303,7 @@ impl<'a> Source<'a> {
         Figure::new(self.scene, self.swarm, style, self.provenance(request, at))
     }
 
-    /// Describes how a figure is made. The trace hash is of the whole run, so it is told if all of the run was needed.
+    /// Describes how a figure is made. The trace hash is of the whole run, so it is given if all of the run was needed.
     fn provenance(&self, request: &Request, at: Time) -> Provenance {
         let Origin { title, seed, command } = self.origin;
         let command = match command {
@@ -331,7 +331,7 @@ pub struct File {
     pub shown: String,
 }
 
-/// Draws a figure. `going` is asked before each frame of a moving picture whether to go on.
+/// Draws a figure. `going` is asked before each frame of a moving picture whether to continue.
 ///
 /// # Errors
 ///

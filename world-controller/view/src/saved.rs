@@ -1,4 +1,4 @@
-//! Figures of the run that a page shows, drawn as `render` draws them while the run may go on.
+//! Figures of the run that a page shows, drawn as `render` draws them, while the run may be in progress.
 
 use crate::request::{Kind, Origin, Request, Source, file};
 use metamorph_scene::bodies::ShownSwarm;
@@ -38,8 +38,8 @@ impl Subject {
         Subject { swarm: Arc::new(Mutex::new(swarm)), origin: Arc::new(origin) }
     }
 
-    /// Draws what a page asks for, with the options as a query. `going` is asked before each frame whether to go on.
-    /// Figures are drawn one after the other.
+    /// Draws the figure that a page asks for, with the options as a query. `going` is asked before each frame whether
+    /// to continue. Figures are drawn one after the other.
     ///
     /// # Errors
     ///
@@ -53,7 +53,7 @@ impl Subject {
     ) -> Result<Saved, String> {
         let request = Request::of_query(query)?;
         let swarm = self.swarm.lock().unwrap_or_else(PoisonError::into_inner);
-        // A copy, so that the run goes on meanwhile.
+        // A copy, so that the run continues meanwhile.
         let scene = scene.lock().clone();
         if !scene.is_over() && matches!(request.at, Moment::Share(_)) {
             return Err(format!("--at {}: the run is not over\n  fix: name a time", request.at));

@@ -1,5 +1,5 @@
-//! How modules of a protocol in Python look: as cubes. Their runs are not recorded, so that no page shows them; the
-//! words are for the traits that every family has.
+//! The look of modules of a protocol in Python: they are drawn as cubes. Their runs are not recorded, so that no page
+//! shows them; the words are for the traits that every family has.
 
 use super::agent::PyAgent;
 use super::message::Payload;

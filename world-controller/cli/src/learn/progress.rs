@@ -55,7 +55,7 @@ impl Runs<'_> {
         keep(file)
     }
 
-    /// Carries out one run. The learner is told recorded trials again, and goes on from there.
+    /// Carries out one run. Recorded trials are replayed into the learner, which continues from there.
     fn run(
         &self,
         seed: u64,

@@ -281,7 +281,7 @@ fn steps(joints: &At<Joints>, modules: usize, diagnostics: &mut Diagnostics) -> 
     }
     let mut all = Vec::new();
     for (module, Angles(degrees)) in angles.iter().enumerate() {
-        // Larger numbers are not told from multiples of a step any more.
+        // Larger numbers cannot be distinguished from multiples of a step.
         let degrees = degrees.map(|d| if d.abs() <= 360.0 { d } else { f64::NAN });
         match Posture::from_degrees(Kind::Single, &degrees, 1e-6) {
             Ok(posture) => {

@@ -92,7 +92,7 @@ pub enum MetamoduleError {
     /// The first goal has a start time.
     #[error("the first goal has an `at`, but it is active from the start")]
     FirstGoalAt,
-    /// A detector with a strategy that is never at a standstill for good.
+    /// A detector with a strategy that is never permanently at a standstill.
     #[error(
         "`{0}` has no detector: a waiting metamodule tries again after a time, so none can detect a deadlock"
     )]

@@ -1,7 +1,8 @@
 //! Learners as state machines: ask for points to try, then tell how good they were.
 //!
-//! Points are in the unit box, and larger is better. A learner is a function of its seed and of what it was told, so a
-//! study is resumed by telling its results again. Results depend neither on the number of threads nor on time.
+//! Points are in the unit box, and larger is better. A learner is a function of its seed and of the results that it
+//! got, so a study is resumed by telling its results again. Results depend neither on the number of threads nor on
+//! time.
 
 use super::bayes::Bayes;
 use super::cma::CmaEs;

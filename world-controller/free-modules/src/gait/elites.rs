@@ -92,7 +92,7 @@ impl Order {
         if hoped <= best {
             return None;
         }
-        // Its speed is told next.
+        // Its speed is the next result.
         self.tried.push((next, 0.0));
         Some(&self.elites[next])
     }

@@ -104,7 +104,7 @@ impl Study {
         Ok(Trial { parameters: point, fitness_mm_s, collided, broken, fell, duty })
     }
 
-    /// Returns what a learner is told of a trial: the fitness, and the duty of limbs as behaviour. A fitness that is no
+    /// Returns the result of a trial for a learner: the fitness, and the duty of limbs as behaviour. A fitness that is no
     /// number counts as 0.
     pub fn scored(&self, trial: &Trial) -> Scored {
         let fitness = if trial.fitness_mm_s.is_finite() { trial.fitness_mm_s } else { 0.0 };

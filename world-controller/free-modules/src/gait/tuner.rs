@@ -1,9 +1,9 @@
 //! Gaits to try while a structure walks: known ones first, then those that a learner asks for.
 //!
-//! After a failure the network is made anew without the joints of dead modules. The first gaits to try are the one of a gait
-//! file for this failure, if there is one, and the former gait as far as its joints are left. The learner begins at the
-//! faster of them, or in the middle of the space if that one is of no use any more. With a repertoire, elites come before the
-//! learner.
+//! After a failure the network is built again without the joints of dead modules. The first gaits to try are the one of
+//! a gait file for this failure, if there is one, and the former gait as far as its joints are left. The learner begins
+//! at the faster of them, or in the middle of the space if that one is of no use any more. With a repertoire, elites
+//! come before the learner.
 
 use super::ask_tell::{Learner, Method, Point, Scored};
 use super::elites::{Elite, Order};
@@ -168,7 +168,7 @@ impl Tuner for OnlineTuner {
         self.whole.get_or_insert(speed_mm_s);
         match &mut self.order {
             Some(order) if self.is_elite => order.tell(speed_mm_s),
-            // Until the first elite, the gait told last is the one walked before.
+            // Until the first elite, the gait of the last result is the one walked before.
             Some(order) if self.first.is_empty() => order.heard(&self.before, speed_mm_s),
             _ => {}
         }

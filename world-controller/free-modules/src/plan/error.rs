@@ -1,4 +1,4 @@
-//! Why a plan cannot be made, read or checked: place, reason and fix.
+//! Errors of making, reading or checking a plan: place, reason and fix.
 
 use metamorph_protocol::assembly::named::NameError;
 use metamorph_protocol::assembly::structure::StructureError;

@@ -170,7 +170,7 @@ pub fn of_document(place: &str, document: &Structure) -> Result<Structured, Plan
     let mut placed = Vec::new();
     for (i, (module, cells)) in document.modules.iter().zip(cells).enumerate() {
         let Module::Posed(posed) = module else { continue };
-        // Larger numbers are not told from multiples of a step any more.
+        // Larger numbers cannot be distinguished from multiples of a step.
         if let Some(degrees) = posed.joints_deg.iter().find(|d| !(-360.0..=360.0).contains(*d)) {
             return Err(format(format!("module {i}: a joint at {degrees}° is not within ±360°")));
         }

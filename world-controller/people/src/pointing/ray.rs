@@ -1,9 +1,9 @@
-//! Where a ray from the head over the hand meets the floor.
+//! The point at which a ray from the head over the hand meets the floor.
 
 /// Length of the edge of a tile in metres: that of a cell of Roombots.
 pub const TILE: f64 = 0.11;
 /// Largest distance from the hand, in metres, at which a ray meets the floor: tiles farther away are seen too flat to
-/// be told apart.
+/// be distinguished.
 const DISTANCE_MAX: f64 = 20.0;
 
 /// A tile of the floor: its centre is at 0.11 m times these numbers.

@@ -21,7 +21,7 @@ const ARM: f64 = 0.6;
 /// Parameters of a try. Lengths are in metres.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Setup {
-    /// Standard deviation of each coordinate of head and hand, drawn anew in each sample.
+    /// Standard deviation of each coordinate of head and hand, drawn for each sample.
     pub noise_m: f64,
     /// Distance on the floor from the person to the tile, in a drawn direction.
     pub distance_m: f64,

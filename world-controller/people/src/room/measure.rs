@@ -1,4 +1,4 @@
-//! How precise a circle of chairs around a table is: the measures p_l and p_g of thesis 8.2.
+//! The precision of a circle of chairs around a table: the measures p_l and p_g of thesis 8.2.
 
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;

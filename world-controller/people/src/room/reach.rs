@@ -1,4 +1,5 @@
-//! Whether metamodules reach the places of all pieces from the store, and in which order pieces can be built.
+//! The reach of metamodules: whether they get from the store to the places of all pieces, and in which order pieces can
+//! be built.
 //!
 //! Motions can be reversed, so a metamodule can be put in place while others stand exactly if it can leave while they
 //! stand. What can leave while some pieces stand can leave while fewer do: taking away whatever can leave finds an

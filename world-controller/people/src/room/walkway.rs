@@ -1,4 +1,4 @@
-//! Where a square of connectors can go from the doors.
+//! The places that a square of connectors can reach from the doors.
 
 use super::model::{Piece, Room};
 use std::collections::VecDeque;

@@ -271,7 +271,7 @@ mod tests {
             (&json!(2), &json!(0), &costly, &json!(2)),
             "{value}"
         );
-        // Not named, pins stay; an empty list gives them up, and so does a drawing that is sent anew.
+        // If the request names no pins, they stay. An empty list removes them, and so does a drawing that is sent again.
         let (_, value) = ask(&analyses, &body("a", 2, Some(1), &[[4, 0, 0], [5, 0, 0]]));
         assert_eq!((&value["d"], &value["pins"][0]), (&json!(2), &costly[0]), "{value}");
         let mut given_up = body("a", 3, Some(2), &[]);

@@ -40,7 +40,7 @@ impl Budget {
         let (begun, asked, over) = (processor_time(), Cell::new(0), Cell::new(false));
         Budget { cancelled, begun, longest, look_every, asked, over }
     }
-    /// Returns whether the analysis may go on.
+    /// Returns whether the analysis may continue.
     pub fn is_left(&self) -> bool {
         self.asked.set(self.asked.get().wrapping_add(1));
         if !self.over.get() && self.asked.get().is_multiple_of(self.look_every) {

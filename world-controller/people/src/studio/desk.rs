@@ -25,7 +25,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use thiserror::Error;
 
-/// The longest time until a request to end is seen while no run goes on.
+/// Longest time until a request to end is seen while no run is in progress.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 
 /// A run to be carried out.
@@ -47,7 +47,7 @@ struct State {
     title: String,
     link: &'static str,
     modules: usize,
-    /// Asks the run to end, while it goes on.
+    /// Asks the run to end, while it is in progress.
     going: Option<Shutdown>,
     outcome: Option<String>,
     failure: Option<String>,
@@ -60,7 +60,7 @@ pub struct Desk {
     ordered: Condvar,
 }
 
-/// A run goes on already.
+/// A run is in progress already.
 #[derive(Debug, Error)]
 #[error("a run is going on; stop it first")]
 pub struct Busy;
@@ -73,7 +73,7 @@ impl Desk {
     /// Hands over a run, and returns its number. Its page takes commands that hold the secret.
     ///
     /// # Errors
-    /// If another run goes on.
+    /// If another run is in progress.
     pub fn start(&self, plan: Plan, secret: &Token) -> Result<u64, Busy> {
         if self.state().going.is_some() {
             return Err(Busy);

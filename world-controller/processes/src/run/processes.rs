@@ -49,7 +49,7 @@ pub enum ProcessError {
     /// The path of this executable is unknown.
     #[error("cannot find this executable, which agents are started from: {0}")]
     Program(std::io::Error),
-    /// The swarm of processes cannot be started or cannot go on.
+    /// The swarm of processes cannot be started or cannot continue.
     #[error(transparent)]
     Swarm(#[from] SwarmError),
     /// A journal cannot be read or written.

@@ -91,7 +91,7 @@ pub struct Found {
     pub present: BTreeMap<AgentKey, bool>,
 }
 
-/// A launcher that can go on for a killed one.
+/// A launcher that can take over from a killed one.
 pub trait Takeover: Launcher {
     /// Takes charge of the agents of the run in `root` that take part, which are `wanted`, and ends all others.
     fn take_over(&mut self, root: &Path, wanted: &BTreeSet<AgentKey>) -> Found;

@@ -51,7 +51,7 @@ impl<A: Agent> Backend for Threads<A> {
 /// `program_args`, `verbose`, `watcher`, `patience` and `root` have no effect.
 ///
 /// # Errors
-/// If the swarm cannot be started, or its controller cannot go on.
+/// If the swarm cannot be started, or its controller cannot continue.
 pub fn run_in_memory<W, D>(
     options: &SwarmOptions,
     setup: &Arc<<W::Agent as Agent>::Setup>,

@@ -96,9 +96,9 @@ pub struct SwarmOptions {
     pub patience: Duration,
     /// The run's directory, as soon as it exists; for display.
     pub root: Arc<OnceLock<PathBuf>>,
-    /// How long the start of the swarm may go on without one more agent coming up.
+    /// Longest time that the start of the swarm may take without one more agent coming up.
     pub setup_timeout: Duration,
-    /// How long the end of the swarm may go on without one more agent falling silent or ending, before the
+    /// Longest time that the end of the swarm may take without one more agent falling silent or ending, before the
     /// rest are killed.
     pub stop_timeout: Duration,
 }

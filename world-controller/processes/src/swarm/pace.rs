@@ -8,7 +8,7 @@
 //! and wake-ups due before time was last slowed say nothing about the new speed and are not judged.
 //!
 //! An agent that is stopped or hangs takes no input, so it is not late and does not slow the run. A
-//! controller that is late itself promises no time, which stands still until it goes on.
+//! controller that is late itself promises no time, which stands still until the controller continues.
 
 use metamorph_module_agent::clock::lateness::Late;
 use metamorph_module_agent::clock::page::Page;

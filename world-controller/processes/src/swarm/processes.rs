@@ -48,7 +48,7 @@ impl Backend for Processes {
 /// director ends the swarm on its way out.
 ///
 /// # Errors
-/// If the swarm cannot be started, or its controller cannot go on.
+/// If the swarm cannot be started, or its controller cannot continue.
 pub fn run_swarm<W, D>(
     options: &SwarmOptions,
     setup: &<W::Agent as Agent>::Setup,
@@ -107,7 +107,7 @@ where
 /// [`run_swarm`].
 ///
 /// # Errors
-/// If the swarm cannot be taken over, or its controller cannot go on.
+/// If the swarm cannot be taken over, or its controller cannot continue.
 pub fn resume_swarm<W, D>(
     options: &SwarmOptions,
     adopted: Adopted,

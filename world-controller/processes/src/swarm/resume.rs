@@ -1,4 +1,4 @@
-//! The input of a controller that goes on with a swarm, besides its world and its director: the run's
+//! The input of a controller that takes over a swarm, besides its world and its director: the run's
 //! directory, the time of its beginning, and the messages sent to each agent.
 
 use super::hosts::{FleetError, HostsFile, Succession};

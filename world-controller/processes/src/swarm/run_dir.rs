@@ -1,4 +1,4 @@
-//! Run directories: created so that a live run can be told from the leftovers of a dead one, and removed
+//! Run directories: created so that a live run can be distinguished from the leftovers of a dead one, and removed
 //! without touching a live run or one of another user.
 //!
 //! A run's directory is prepared under another name, which contains the preparing process, and is renamed

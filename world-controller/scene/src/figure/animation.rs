@@ -132,7 +132,7 @@ fn changed(before: Option<&[u8]>, frame: &[u8], size: [u32; 2]) -> Changed {
     Changed { left, top, width, height, data }
 }
 
-/// Writes a moving picture that begins anew at its end. `draw` is called with the number of each frame, first
+/// Writes a moving picture that repeats endlessly. `draw` is called with the number of each frame, first
 /// for their colours and then to write them.
 ///
 /// # Errors

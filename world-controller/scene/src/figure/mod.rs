@@ -205,7 +205,8 @@ impl<'a> Figure<'a> {
     }
 
     /// Draws pictures of one place and scale: the run until `end`, for every so much scenario time, and the end. Hands
-    /// each to `take` with its number, from 0. `going` is asked before each whether to go on. Returns how many there are.
+    /// each to `take` with its number, from 0. `going` is asked before each whether to continue. Returns how many there
+    /// are.
     ///
     /// # Errors
     ///
@@ -230,7 +231,7 @@ impl<'a> Figure<'a> {
     }
 
     /// Writes a moving picture: the run until `end`, with a frame for every so much scenario time, and the end.
-    /// `going` is asked before each frame whether to go on. Returns the number of frames.
+    /// `going` is asked before each frame whether to continue. Returns the number of frames.
     ///
     /// # Errors
     ///

@@ -71,7 +71,7 @@ fn candidates(view: &View, cells: &BTreeSet<Cell>) -> BTreeMap<[i32; 4], [P; 2]>
                 let towards = <[i16; 3]>::from(side.offset()).map(f64::from);
                 let along = (0..3).find(|i| normal[*i] == 0.0 && towards[*i] == 0.0).unwrap_or(0);
                 let beside = cell.step(side);
-                // A face that goes on in the same plane has no edge here.
+                // A face that continues in the same plane has no edge here.
                 if cells.contains(&beside) && !cells.contains(&beside.step(face)) {
                     continue;
                 }
@@ -137,7 +137,7 @@ pub fn outline(view: &View, cells: &BTreeSet<Cell>) -> Vec<[P; 2]> {
     segments
 }
 
-/// Joins segments with common ends to courses, so that dashes go on around corners.
+/// Joins segments with common ends to courses, so that dashes continue around corners.
 pub fn joined(segments: &[[P; 2]]) -> Vec<Vec<P>> {
     let key = |p: P| p.map(|x| (x * 1e4).round() as i64);
     let mut at: BTreeMap<[i64; 2], Vec<usize>> = BTreeMap::new();

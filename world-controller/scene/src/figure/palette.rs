@@ -53,7 +53,7 @@ pub enum Theme {
     Grey,
 }
 
-/// The states of modules that are told apart.
+/// The states of modules that have different colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum State {
     /// At its final place.
@@ -101,7 +101,7 @@ impl From<visible::Colour> for State {
     }
 }
 
-/// Colours for what is only told apart, beginning with the strongest.
+/// Colours for sets that only need to be distinguished, the strongest first.
 const DISTINCT: [Rgb; 8] = [
     Rgb(0x00, 0x72, 0xb2),
     Rgb(0xe6, 0x9f, 0x00),

@@ -81,7 +81,7 @@ impl Snapshot {
 }
 
 struct Course {
-    /// The parts before the motion that goes on.
+    /// The parts before the motion in progress.
     parts: Vec<Part>,
     /// The beginning and the number of that motion.
     doing: Option<(Time, usize)>,

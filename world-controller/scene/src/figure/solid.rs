@@ -52,7 +52,7 @@ pub struct Solid {
     pub centre: V,
     /// Of half a ball, the direction of its dome.
     pub dome: Option<V>,
-    /// The shade by which the parts of a body are told apart.
+    /// The shade that distinguishes the parts of a body.
     pub tone: Tone,
 }
 

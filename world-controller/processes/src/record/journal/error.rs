@@ -1,4 +1,4 @@
-//! Why a journal cannot be read or shown.
+//! Errors of reading and showing a journal.
 
 use super::{Damage, JournalError};
 use metamorph_text::command_error::{BAD_USAGE, CommandError, DAMAGED};

@@ -111,7 +111,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
         }
     }
 
-    /// Makes the engine accept without checks what agents told the controller, for journals that contain the
+    /// Makes the engine accept the messages of agents to the controller without checks, for journals that contain the
     /// controller's records only.
     pub fn follow_no_agents(&mut self) {
         self.alone = true;

@@ -440,7 +440,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         }
     }
 
-    /// Kills a process that cannot go on; its end is reported as a crash with this reason.
+    /// Kills a process that cannot continue; its end is reported as a crash with this reason.
     fn give_up(&mut self, i: usize, why: &'static str) {
         let process = &mut self.processes[i];
         if process.verdict.is_none() {

@@ -249,7 +249,7 @@ impl Shared {
         CounterFile::read(root, id, incarnation).map_err(|e| e.to_string())
     }
 
-    /// Ends all agents of a host that is gone for good. Their counters outlive them on this machine.
+    /// Ends all agents of a host that is lost permanently. Their counters outlive them on this machine.
     fn lose(&mut self, host: HostId, why: &str) {
         if !self.lost.insert(host) {
             return;

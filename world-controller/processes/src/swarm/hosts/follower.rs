@@ -1,6 +1,6 @@
 //! The clock page of a host on another machine: it follows the controller's page, translated by the difference of the two
 //! clocks. Scenario time there never goes back, and is never ahead of the controller's by more than the difference is
-//! uncertain. A host whose clock cannot be told well enough has its time stand still.
+//! uncertain. A host whose clock is not known well enough has its time stand still.
 
 use metamorph_module_agent::clock::Speed;
 use metamorph_module_agent::clock::page::Page;
@@ -10,7 +10,7 @@ use metamorph_protocol::time::{Span, Time};
 use std::io;
 use std::path::Path;
 
-/// A page that differs from the translated one by less (ns of real time) goes on with the same speed.
+/// A page that differs from the translated one by less (ns of real time) keeps its speed.
 const NEGLIGIBLE: u64 = 200_000;
 
 /// The follower.

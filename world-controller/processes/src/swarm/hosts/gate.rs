@@ -1,5 +1,5 @@
-//! Where a daemon is reached: it listens on a Unix socket, or on a network with mutual TLS, and hands on who has said what
-//! it wants. Not here: what is done about it.
+//! The gate through which a daemon is reached: it listens on a Unix socket, or on a network with mutual TLS, and hands
+//! on connections whose opening has arrived. Not here: the answers to openings.
 
 use super::address::Address;
 use super::connection::{Connection, Incoming, Visitor};

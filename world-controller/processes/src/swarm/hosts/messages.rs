@@ -182,7 +182,8 @@ pub enum ToController {
     Stopped(AgentKey, i32),
     /// It was continued by a signal from outside.
     Continued(AgentKey),
-    /// Of the journal of an agent that another controller has just called: what that agent may have told the one before.
+    /// Part of the journal of an agent that another controller has just called: messages that the agent may have sent
+    /// to the previous one.
     Journal(Stretch),
     /// No frame from this host to another is under way.
     Drained,

@@ -166,7 +166,7 @@ impl<L: Link> Node<L> {
         self.lease = link.and_then(HostLink::acts_until).or(self.lease);
     }
 
-    /// Ends the link to a host for good, and begins one to its successor. What was on its streams is lost.
+    /// Ends the link to a host permanently, and begins one to its successor. Data on its streams is lost.
     pub fn renew(&mut self, assignment: &Assignment, host: HostId) {
         let now = self.clock.read_page().map_or(Time::ZERO, |page| page.at(monotonic()));
         let successor = Peer { healed: now, ..Peer::new(assignment, host, self.life) };
@@ -182,7 +182,7 @@ impl<L: Link> Node<L> {
         }
     }
 
-    /// Returns the scenario time up to which time goes on here at least.
+    /// Returns the scenario time up to which time passes here at least.
     pub fn promised(&self) -> Time {
         self.clock.read_page().map_or(Time::ZERO, |page| page.at(page.until()))
     }

@@ -204,7 +204,7 @@ mod tests {
         let beyond = Stretch { agent: agents[1], offset: length + 1, bytes: vec![1] };
         assert!(collected.put(&beyond).is_err());
 
-        // Another controller takes over; some of what it is told on its call comes twice.
+        // Another controller takes over; some of the messages that answer its call come twice.
         assert_eq!(Collected::lengths(here.path()).unwrap(), BTreeMap::from([(agents[1], length)]));
         let mut collected = Collected::new(here.path());
         written.turn_to(&BTreeMap::from([(agents[1], length - 3)]));

@@ -162,7 +162,7 @@ impl Reach {
         meeting: Duration,
     ) -> Result<Reached, ReachError> {
         let net = self.net.as_ref().ok_or(ReachError::NoKeys)?;
-        // First, since it names the reason; zenoh would go on trying.
+        // First, since it names the reason; zenoh would keep trying.
         net::probe(net.keys(), host, address).map_err(|e| ReachError::Fault(host, address.clone(), e))?;
         let failed = |e| ReachError::Visit(host, address.clone(), e);
         let mut visit = net::Visit::begin(net, host, self.build, meeting).map_err(failed)?;

@@ -1,5 +1,5 @@
-//! Why a daemon cannot be reached: a TLS handshake of its own, since zenoh says "timeout" whatever the reason. Nothing is
-//! sent after the handshake.
+//! Diagnosis of a daemon that cannot be reached: a TLS handshake of its own, since zenoh says "timeout" whatever the
+//! reason. Nothing is sent after the handshake.
 
 use super::keys::Keys;
 use crate::swarm::hosts::address::Address;
