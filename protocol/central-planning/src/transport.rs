@@ -32,7 +32,7 @@ const MARGIN: i16 = 6;
 /// it is the making of graphs that depend on the floor only.
 pub const TRANSPORT_WORK: usize = 2_000_000;
 
-/// What one metamodule does.
+/// An action of one metamodule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TransportAction {
     /// It turns to a posture; with an element, by one step.
@@ -52,7 +52,7 @@ pub struct TransportStep {
     pub from: Pose,
     /// Its pose afterwards.
     pub to: Pose,
-    /// What it does.
+    /// The action.
     pub action: TransportAction,
 }
 
@@ -80,7 +80,7 @@ pub enum TransportAnswer {
     Undecided,
 }
 
-/// What is asked of the planner of one element.
+/// Problem of the planner of one element.
 #[derive(Clone, Copy, Debug)]
 pub struct Transport<'a> {
     /// The element.
@@ -106,7 +106,7 @@ pub struct Scenes(Arc<Mutex<KeptScenes>>);
 /// The latest scenes, the oldest first.
 type KeptScenes = VecDeque<(SceneKey, Arc<Scene>)>;
 
-/// What a scene is made of.
+/// Inputs from which a scene is made.
 #[derive(PartialEq)]
 struct SceneKey {
     kind: Kind,
@@ -152,7 +152,7 @@ impl Scenes {
     }
 }
 
-/// What a transport may make use of.
+/// Means that a transport may use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Means {
     hand_overs: bool,

@@ -39,7 +39,7 @@ pub struct ElementNow {
 /// A step of the transports.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OrderedStep {
-    /// What is done.
+    /// The step.
     pub step: TransportStep,
     /// The element that is brought.
     pub element: usize,

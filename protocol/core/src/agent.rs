@@ -36,7 +36,7 @@ pub struct Summary {
     pub waits_for: Option<ModuleId>,
 }
 
-/// What an agent knows when its process starts.
+/// Knowledge of an agent when its process starts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Birth<P> {
     /// The module.
@@ -52,7 +52,7 @@ pub struct Birth<P> {
     pub born: Time,
 }
 
-/// What happens to an agent.
+/// An event that an agent handles.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Input<M, P, O> {
     /// The contact on a port changed.
@@ -77,14 +77,14 @@ pub enum Input<M, P, O> {
     Wake,
 }
 
-/// What an agent does.
+/// An effect that an agent asks its driver for.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Output<M, A, R> {
     /// Send a message over the current session of a port.
     Send {
         /// The port to send by.
         port: Port,
-        /// What the message is for.
+        /// The class of the message, for the counters.
         class: Class,
         /// Its content.
         message: M,
@@ -105,7 +105,7 @@ pub type OutputOf<A> = Output<<A as Agent>::Message, <A as Agent>::Action, <A as
 /// Its state is made of integers and a shared [`Agent::Setup`], so that the same inputs give the
 /// same outputs on every machine.
 pub trait Agent: Sized + Send + Sync + 'static {
-    /// What all agents of a swarm share and what never changes: parameters, goals.
+    /// Constant data that all agents of a swarm share: parameters, goals.
     type Setup: Serialize + DeserializeOwned + Send + Sync + 'static;
     /// The place of a body when its agent starts.
     type Place: Wire;
@@ -113,7 +113,7 @@ pub trait Agent: Sized + Send + Sync + 'static {
     type Message: Wire;
     /// Actions that an agent asks of its body.
     type Action: Wire;
-    /// What a body tells its agent about an action.
+    /// Answers of a body to the actions of its agent.
     type Percept: Wire;
     /// Orders of the world-controller to an agent.
     type Order: Wire;

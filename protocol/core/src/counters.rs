@@ -8,7 +8,7 @@ use core::fmt;
 use core::ops::{AddAssign, Index, IndexMut};
 use serde::{Deserialize, Serialize};
 
-/// What a protocol message is for; messages are counted by class.
+/// Purpose of a protocol message; messages are counted by class.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum Class {

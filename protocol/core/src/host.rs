@@ -34,7 +34,7 @@ struct Steps<A: Agent> {
     outputs: VecDeque<OutputOf<A>>,
 }
 
-/// What a driver knows of an input besides the input itself, for the record of the step.
+/// Context of an input, known to the driver only, for the record of the step.
 pub struct StepContext<'a> {
     /// The name and class of the message, if the input is one.
     pub heard: Option<(MessageName, Class)>,

@@ -38,7 +38,7 @@ impl Partition {
     }
 }
 
-/// What a link does to messages.
+/// Delays and impairments of a link.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Default)]
 pub struct LinkModel {
     /// The shortest delay.
@@ -61,9 +61,9 @@ pub struct LinkModel {
     /// The hosts that modules run on; `None` if there is only one. Messages between two hosts have the fate that the
     /// link of these hosts draws.
     pub hosts: Option<Arc<Hosts>>,
-    /// What delays orders and reports; `None` if they take no time. Messages between modules do not use it.
+    /// The delays of orders and reports; `None` if they take no time. Messages between modules do not use it.
     pub controller: Option<ControllerLink>,
-    /// What is changed about all this while the run is in progress. It is never part of what a run starts with.
+    /// Changes of this model while the run is in progress. A run starts without any.
     #[serde(skip)]
     pub changes: LinkChanges,
 }

@@ -111,7 +111,7 @@ pub enum Event {
     Sensed {
         /// The module.
         id: ModuleId,
-        /// What the body senses.
+        /// The input that the body senses.
         sensed: Sensed<Blob>,
     },
     /// World, output: an invariant broke.
@@ -171,7 +171,7 @@ pub enum Event {
     External {
         /// The module.
         id: ModuleId,
-        /// What was done to it.
+        /// The event.
         what: Outside,
     },
     /// Driver, at the end: the counters of one incarnation of an agent.
@@ -192,7 +192,7 @@ pub enum Event {
     },
 }
 
-/// What is done to a process from outside its run, such as by `kill`.
+/// An event of a process that comes from outside its run, such as by `kill`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Outside {
     /// Killed.
@@ -285,7 +285,7 @@ pub struct Sent {
     pub to: Option<ModuleId>,
 }
 
-/// What an agent told its body or the controller.
+/// An output of an agent to its body or to the controller.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Emitted {
     /// An action.

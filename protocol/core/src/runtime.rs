@@ -1,6 +1,5 @@
-//! What drivers carry between agents, bodies and the controller: contacts, what bodies sense, and the
-//! controller's commands. Every driver uses these types, and journals hold them over
-//! [`Blob`](crate::record::Blob).
+//! Inputs and commands that drivers carry between agents, bodies and the controller. Every driver uses these types,
+//! and journals hold them over [`Blob`](crate::record::Blob).
 
 use crate::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use crate::link::LinkChanges;
@@ -20,7 +19,7 @@ pub struct Contact {
     pub peer_port: Port,
 }
 
-/// What a body senses. `P` is the type of percepts.
+/// An event that a body senses. `P` is the type of percepts.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Sensed<P> {
     /// The contact on a port changed.
@@ -32,7 +31,7 @@ pub enum Sensed<P> {
         /// The contact from now on.
         contact: Option<Contact>,
     },
-    /// What the body tells about an action.
+    /// The answer of the body to an action.
     Percept(P),
 }
 
@@ -48,7 +47,7 @@ impl<P> Sensed<P> {
     }
 }
 
-/// What the controller wants a driver to do. `O` is the type of orders.
+/// A command of the controller to a driver. `O` is the type of orders.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Command<O> {
     /// Kill the process of a module (SIGKILL). Its body stays where it is.

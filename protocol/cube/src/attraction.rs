@@ -62,7 +62,7 @@ pub(super) struct Attraction {
     expires: Time,
 }
 
-/// What computing the field has led to.
+/// Result of computing the field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Tended {
     /// Faces whose value has changed.

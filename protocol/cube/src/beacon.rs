@@ -12,7 +12,7 @@ use metamorph_core::time::{Span, Time};
 /// further delay.
 const MUCH_CLOSER: u16 = 8;
 
-/// What has been sent over one face.
+/// State of the beacons sent over one face.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Sender {
     /// The last beacon sent in this session.

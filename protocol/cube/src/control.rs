@@ -31,7 +31,7 @@ pub enum Order {
     },
     /// A module has announced that it holds a dead neighbour.
     Custody(CustodyAnnouncement),
-    /// What an operator commands this module. It replaces the command before.
+    /// A command of an operator to this module. It replaces the command before.
     Steer {
         /// The command.
         steering: Steering,

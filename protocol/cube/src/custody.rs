@@ -45,7 +45,7 @@ struct Death {
     is_fixed: bool,
 }
 
-/// What a module knows of the custody of its dead neighbours.
+/// Knowledge of a module about the custody of its dead neighbours.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Default)]
 pub(super) struct Custody {
     /// The deaths by face; `None` if there are none, as in nearly all modules.

@@ -64,7 +64,7 @@ impl fmt::Display for Epoch {
     }
 }
 
-/// What the world-controller tells of an epoch when it begins.
+/// The world-controller's description of an epoch at its beginning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Opening {
     /// The epoch.

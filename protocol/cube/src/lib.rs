@@ -103,7 +103,7 @@ pub struct Cube {
     reporter: Reporter,
     rng: Rng,
     tokens: Tokens,
-    /// What an operator commands.
+    /// The command of an operator.
     steered: Option<Steered>,
     /// Where the controller leads it, when nothing moves any more.
     called: Option<Box<Called>>,

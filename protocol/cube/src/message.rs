@@ -64,7 +64,7 @@ impl Rank {
     }
 }
 
-/// What a module wants of a neighbour in order to stay connected.
+/// Request of a module to a neighbour, made in order to stay connected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Claim {
     /// Nothing.
@@ -146,7 +146,7 @@ pub struct Beacon {
     /// The sender asks for the receiver's path to the finalized modules to be confirmed at this time or later
     /// ([`Rank::rooted`]); zero if it has no request.
     pub renew: Time,
-    /// What the sender wants of the receiver.
+    /// The claim of the sender on the receiver.
     pub claim: Claim,
     /// The token of the receiver's claim, if the sender has registered the receiver as a child.
     pub ack: Option<Token>,
@@ -169,7 +169,7 @@ impl Beacon {
     }
 }
 
-/// What the last module of a route is asked for.
+/// Request to the last module of a route.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Ask {
     /// Stay at its cell.
@@ -258,7 +258,7 @@ pub enum Message {
         age: Span,
         /// Hops already taken, at least 1.
         hop: u8,
-        /// What the last module is asked for.
+        /// The request to the last module.
         ask: Ask,
         /// The route.
         route: Route,
@@ -303,14 +303,14 @@ pub enum Message {
         id: RequestId,
         /// Hops left to the origin.
         hop: u8,
-        /// What the last module of the route is or touches.
+        /// The module, or the dead neighbour, that the search has reached.
         reached: Reached,
         /// The route.
         route: Route,
     },
 }
 
-/// What a search has reached.
+/// Module that a search has reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Reached {
     /// A finalized module.

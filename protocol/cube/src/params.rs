@@ -165,7 +165,7 @@ impl Params {
     }
 }
 
-/// What all cubes of a swarm share.
+/// Parameters and goals that all cubes of a swarm share.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Setup {
     /// The parameters.

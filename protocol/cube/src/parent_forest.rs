@@ -49,7 +49,7 @@ impl Tokens {
     }
 }
 
-/// What a change of the forest means for the other parts.
+/// Consequence of a change of the forest for the other parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Effect {
     None,

@@ -1,4 +1,4 @@
-//! What audits, viewers and the model checker may ask of a cube. Not here: any change of its state.
+//! Read-only queries about a cube, for audits, viewers and the model checker. None changes its state.
 
 use super::control::CustodyKey;
 use super::epoch::Epoch;

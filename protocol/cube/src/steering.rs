@@ -7,7 +7,7 @@ use metamorph_core::lattice::Cell;
 use metamorph_core::time::Time;
 use metamorph_core::wire::{Decoder, Encoder, Field, WireError};
 
-/// What a cube is commanded to do.
+/// A command of an operator to a cube.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Steering {
     /// It decides for itself again.
@@ -51,7 +51,7 @@ impl Cube {
         hit(CoveragePoint::CubeSteered);
         let is_over = steering == Steering::Release || until <= now;
         self.steered = if is_over { None } else { Some(Steered { steering, until }) };
-        // What it asks for now, it would ask for itself.
+        // The current attempt belongs to the module's own decision, not to the command.
         self.abort_attempt(now, None);
         self.decide_soon(now);
     }

@@ -73,7 +73,7 @@ impl GoalMasks {
     }
 }
 
-/// What a module knows of itself.
+/// State of a module itself.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Own {
     pub setup: Shared,
@@ -130,7 +130,7 @@ impl Own {
     }
 }
 
-/// What a part of the agent reads in one step.
+/// Inputs of a part of the agent in one step.
 #[derive(Clone, Copy)]
 pub(super) struct View<'a> {
     pub now: Time,

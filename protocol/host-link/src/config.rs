@@ -11,7 +11,7 @@ pub trait Prover {
     fn prove(&self, run: Run, from: (HostId, Life), to: (HostId, Life), number: u64) -> Proof;
 }
 
-/// What an end does when the other is silent for long.
+/// Reaction of an end to long silence of the other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Role {
     /// The end that counts the other as dead after [`Timing::fence`] of silence: the controller's host.
@@ -58,9 +58,9 @@ pub struct Config {
     pub run: Run,
     /// This start of this host.
     pub life: Life,
-    /// What both ends have to share, and what this host offers.
+    /// The terms on which both ends must agree, and the offer of this host.
     pub terms: Terms,
-    /// What this end does when the other is silent for long.
+    /// The reaction of this end to long silence of the other.
     pub role: Role,
     /// The times.
     pub timing: Timing,

@@ -1,4 +1,4 @@
-//! What a host link tells its owner: states, outputs, and what has become of inputs.
+//! Messages of a host link to its owner: states, outputs, and the results of inputs.
 
 use super::packet::{Life, PacketError, Terms};
 use metamorph_core::wire::Frame;
@@ -31,7 +31,7 @@ pub enum Channel {
     Bulk,
 }
 
-/// What a link does.
+/// An output of a link.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Output {
     /// A packet for the carrier.
@@ -47,7 +47,7 @@ pub enum Output {
     Met(Life, Terms),
 }
 
-/// What has become of a frame handed to a link.
+/// Result of offering a frame to a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Offered {
     /// It will be sent.

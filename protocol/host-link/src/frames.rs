@@ -13,8 +13,8 @@ pub const BYTE_WINDOW: usize = 512 << 10;
 /// A count for each class.
 pub type PerClass = [u64; Class::ALL.len()];
 
-/// What has become of the frames handed to a link, by class. For every class `offered = taken + lost + overflowed + expired
-/// + unaccounted + open`.
+/// Counts of the frames handed to a link, by class and result. For every class `offered = taken + lost + overflowed +
+/// expired + unaccounted + open`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct FrameCounts {
     /// Handed to the link.

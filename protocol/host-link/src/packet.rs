@@ -63,7 +63,7 @@ pub struct Run(pub u64);
 /// Proof that the sender knows the token of the run.
 pub type Proof = [u8; 32];
 
-/// What both ends have to share, and what the sender offers.
+/// Terms on which both ends must agree, and the offer of the sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Terms {
     /// The version of the program.
@@ -76,7 +76,7 @@ pub struct Terms {
     pub room: u32,
 }
 
-/// What an end has received and sent, and its clock.
+/// Acknowledgement: the frames and bytes that an end has received and sent, and its clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub struct Ack {
     /// All bytes of the stream before this offset have been taken.
@@ -107,7 +107,7 @@ pub enum Content {
     Accept {
         /// The attempt that it answers.
         attempt: u64,
-        /// What the confirmation has to hold.
+        /// The number that the confirmation must repeat.
         challenge: u64,
         /// The terms of the sender.
         terms: Terms,
@@ -142,7 +142,7 @@ pub enum Content {
         /// The bytes.
         bytes: Vec<u8>,
     },
-    /// What the sender has received.
+    /// The acknowledgement of the sender.
     Ack(Ack),
     /// The sender leaves.
     Bye,

@@ -38,7 +38,7 @@ pub fn checked(drawn: &BTreeSet<Cell>, pins: &[Pin]) -> Result<Vec<Pin>, Pairing
     Ok(checked.into_values().collect())
 }
 
-/// What a structure would be without pins.
+/// The structure that pairing without pins would give.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WithoutPins {
     /// The cells that every pairing would leave over at least.

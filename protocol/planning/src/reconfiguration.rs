@@ -24,11 +24,11 @@ const KEY: usize = 7;
 pub struct Planner {
     /// Where plans end.
     pub goal: Goal,
-    /// What a turn may touch.
+    /// The collision model of turns.
     pub collision: Model,
     /// Which connectors can make a connection.
     pub connectors: Connectors,
-    /// What a plan minimizes.
+    /// The quantity that a plan minimizes.
     pub objective: Objective,
     /// A plan costs at most this many hundredths of the least.
     pub weight: u32,

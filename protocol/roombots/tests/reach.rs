@@ -26,7 +26,7 @@ fn counts_per_set_of_assumptions() {
         let found = reachable_each(kind, &sets);
         let mine: Vec<_> = found.iter().map(|s| (s.len(), positions(s))).collect();
         assert_eq!(mine, counts, "{kind}");
-        // What the lattice reaches, continuous angles reach as well.
+        // States that the lattice reaches are reached by continuous angles, too.
         assert!(found[0].is_subset(&found[3]), "{kind}");
         exact.push(found[3].clone());
     }

@@ -13,7 +13,7 @@ struct Link {
     joint: Option<(usize, Vector, Vector)>,
 }
 
-/// What a body had before a tick.
+/// State of a body before a tick.
 #[derive(Clone, Copy)]
 struct Before {
     pose: Pose,
@@ -46,7 +46,8 @@ pub struct Work {
     contacts: Vec<Impulse>,
     /// The angular impulse of each motor in the last tick in Nms, by the body that it turns; 0 for the root.
     impulses: Vec<f32>,
-    /// What motors gave, in joules. What drives a motor gives nothing back.
+    /// The work of the motors, in joules, where it is positive. A motor that is driven from outside returns no
+    /// energy.
     given: f64,
     /// The same less what they took.
     net: f64,

@@ -63,7 +63,7 @@ struct Sent {
 
 #[derive(Clone, Debug, Default, Hash)]
 pub(super) struct Calls {
-    /// What is left of the present plan.
+    /// The rest of the present plan.
     legs: VecDeque<Leg>,
     asked: Option<Asked>,
     /// The number of requests made for called modules.
@@ -89,7 +89,7 @@ pub(super) struct Swarm<'a> {
     pub known: &'a [Known],
 }
 
-/// What the director knows of the progress.
+/// The director's knowledge of the progress.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CallProgress {
     /// When a cell was last filled.
@@ -204,8 +204,8 @@ impl Calls {
         let (Leg { way, .. }, Swarm { epoch, params, known }) = (leg, swarm);
         let Some(module) = world.body_at(way.from()) else { return self.legs.clear() };
         if let Some(carrier) = leg.unasked.and_then(|cell| world.body_at(cell)) {
-            // What is granted from now on lasts longer than the move of a call that ends then. So does the time in which a
-            // dead module only listens, should it be started again.
+            // Grants from now on outlast the move of a call that ends at this time. So does the quarantine of a dead
+            // module that is restarted.
             let until = now + params.start_within();
             if !known[carrier.index()].alive {
                 return self.call_until(until, module, way, swarm, commands);

@@ -50,7 +50,7 @@ struct Leg {
     until: Time,
 }
 
-/// What the director does for a global plan.
+/// Phase of the director's work on a global plan.
 #[derive(Clone, Debug, Hash)]
 enum Phase {
     /// It looks for a plan when all modules rest.

@@ -220,7 +220,7 @@ mod tests {
         assert!(goal.iter().all(|c| cells.contains(c)));
     }
 
-    /// What cannot be filled is left, and modules that hold the body together stay.
+    /// Cells that cannot be filled are left, and modules that hold the body together stay.
     #[test]
     fn a_plan_fills_what_it_can() {
         let row: Vec<ModuleSnapshot> =

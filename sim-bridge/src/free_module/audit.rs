@@ -1,4 +1,4 @@
-//! What always holds for rigid bodies, and what a broken engine or an impossible command would violate.
+//! Invariants of rigid bodies, which a broken engine or an impossible command would violate.
 
 use super::physics::{HEMISPHERES, NO_LOAD, Physics, TICK};
 use metamorph_kernel::world::invariants::Invariant;

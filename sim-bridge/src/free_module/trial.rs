@@ -25,7 +25,7 @@ const DEATH: Span = Span::secs(1);
 /// The time between two looks at whether a trial is to be ended.
 const LOOK: Span = Span::millis(100);
 
-/// What trials of a structure have in common.
+/// Parameters that all trials of a structure share.
 #[derive(Clone, Debug)]
 pub struct Course {
     /// The structure, all of whose modules are active.
@@ -48,7 +48,7 @@ pub struct Course {
     pub seed: u64,
 }
 
-/// What came of a trial.
+/// Result of a trial.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     /// The displacement of the centre of mass in the plane, or in the direction that counts, in mm.

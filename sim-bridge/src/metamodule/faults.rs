@@ -54,7 +54,7 @@ pub const TUNED: WorldFault = WorldFault {
     form: Form::Word(&TUNABLE),
     about: "a parameter of the strategy changes",
 };
-/// What operators can command besides faults.
+/// Commands of operators other than faults.
 pub const COMMANDS: [&WorldFault; 6] =
     [&GOAL_MOVED, &GOAL_SET, &TUNED, &GOAL_TURNED, &GOAL_ORDERED, &GOAL_DROPPED];
 

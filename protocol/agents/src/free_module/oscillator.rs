@@ -121,7 +121,7 @@ const fn over(rate: i128, time: Span) -> i128 {
     (rate * time.0 as i128).div_euclid(1_000_000_000)
 }
 
-/// What all oscillators of a structure share.
+/// Parameters that all oscillators of a structure share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Dynamics {
     /// Turns per second when locked.

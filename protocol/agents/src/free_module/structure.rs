@@ -87,7 +87,7 @@ const fn near(connector: Connector) -> u16 {
     if connector.hemisphere() < 2 { 0 } else { 2 }
 }
 
-/// What a module contributes to a structure.
+/// Contribution of a module to a structure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 enum Member {
     /// It is not part of the structure.

@@ -34,9 +34,9 @@ pub struct Metamodule {
     pub(super) setup: Arc<Setup>,
     pub(super) own: Own,
     pub(super) neighbours: NeighbourTable,
-    /// What neighbours have been granted.
+    /// The locks granted to neighbours.
     pub(super) locks: LockTable,
-    /// What this metamodule asks for.
+    /// The locks requested from neighbours.
     pub(super) requester: Requester,
     pub(super) phase: Phase,
     pub(super) policy: Policy,
@@ -56,7 +56,7 @@ impl Hash for Metamodule {
     }
 }
 
-/// What an agent waits for.
+/// Timers of an agent, by their purpose.
 #[derive(Clone, Copy, Debug)]
 enum Timer {
     /// The next repetition of the state.
@@ -236,7 +236,7 @@ impl Metamodule {
     }
 }
 
-/// What to do next.
+/// The decision about the next action.
 impl Metamodule {
     /// Makes an idle metamodule look for something to do, because something new is known: at once or, during a
     /// back-off, at its end.

@@ -1,4 +1,4 @@
-//! What is to be built: seeds in levels (thesis 4.1.3), and the order in which they open.
+//! Goals: seeds in levels (thesis 4.1.3), and the order in which they open.
 
 use metamorph_core::lattice::{Cell, Face};
 use metamorph_core::names;
@@ -152,7 +152,7 @@ impl SeedSet {
     }
 }
 
-/// What a swarm builds at present: one of its goals, turned and moved along the floor. Of two tasks, the one with the
+/// The current task of a swarm: one of its goals, turned and moved along the floor. Of two tasks, the one with the
 /// larger epoch is later.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
 pub struct Task {
@@ -260,7 +260,7 @@ pub enum BlueprintError {
         first: usize,
         /// The other.
         second: usize,
-        /// What both need.
+        /// The shared cell.
         cell: Cell,
     },
     /// The cells of a seed fold back onto each other, or go into the floor; holds its number, from 0.

@@ -57,7 +57,7 @@ pub(super) struct DeadlockDetector {
     next: Time,
     /// The latest wave of each initiator. At most one for each metamodule there is.
     waves: BTreeMap<ModuleId, Wave>,
-    /// What its last complete wave has counted.
+    /// The result of its last complete wave.
     last: Option<Counted>,
     /// True if it has found out that no metamodule can go on.
     pub deadlocked: bool,

@@ -60,7 +60,7 @@ struct ElementGrip {
     table: usize,
 }
 
-/// What metamodules can do with a grip.
+/// Motions and torques that are possible with a grip.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct GripTable {
     carry: CarryTable,

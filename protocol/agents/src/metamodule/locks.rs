@@ -114,7 +114,7 @@ impl Request {
     }
 }
 
-/// What orders attempts that lock the same cells: the attempt with the least value goes first.
+/// Order of attempts that lock the same cells: the attempt with the least value wins.
 pub(super) type Precedence = (Rank, Reverse<Span>, ModuleId);
 
 /// The answer to a request.

@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Neighbour {
     pub session: Session,
-    /// What it told last; `None` if it has not been heard in this session.
+    /// Its last announced state; `None` if it has not been heard in this session.
     pub state: Option<State>,
     /// Its process is gone: what still arrives in this session was sent before.
     pub certified_dead: bool,
@@ -62,7 +62,7 @@ impl NeighbourTable {
     pub fn iter(&self) -> impl Iterator<Item = (Port, &Neighbour)> {
         self.ports.iter().enumerate().filter_map(|(i, n)| Some((Port(i as u8), n.as_ref()?)))
     }
-    /// What neighbours have told last, of those that have been heard.
+    /// Iterates over the last announced state of each neighbour that has been heard.
     pub fn states(&self) -> impl Iterator<Item = (Port, &State)> {
         self.iter().filter_map(|(port, n)| Some((port, n.state.as_ref()?)))
     }

@@ -1,4 +1,5 @@
-//! What a metamodule says: outputs in order, the numbering of what it tells, and when it repeats its state.
+//! Outgoing messages of a metamodule: outputs in order, the numbering of its statements, and the repetition of its
+//! state.
 
 use super::message::{Action, Message, State, Status};
 use super::view::{Advertised, View};

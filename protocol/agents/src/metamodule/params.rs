@@ -69,11 +69,11 @@ impl Strategy {
 pub struct Precedence {
     /// Distance of two feet in connectors (the larger of those along x and y) up to which the rule holds.
     pub within: u16,
-    /// What decides.
+    /// The criterion.
     pub by: PrecedenceBy,
 }
 
-/// What decides on precedence.
+/// Criterion of precedence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PrecedenceBy {

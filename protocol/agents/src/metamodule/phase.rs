@@ -75,7 +75,7 @@ pub(super) struct Motion {
     pub until: Time,
 }
 
-/// What comes next in a motion.
+/// Next stage of a motion.
 pub(super) enum Next {
     Act(Action),
     /// The body has taken the shape of its seed.

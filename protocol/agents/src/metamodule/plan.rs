@@ -6,7 +6,7 @@ use super::pose::{Load, Pose};
 use super::setup::Setup;
 use metamorph_core::lattice::Cell;
 
-/// What a motion is for.
+/// Purpose of a motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Aim {
     /// Attaching the free end to a connector, then detaching the other end.
@@ -31,7 +31,7 @@ pub struct Plan {
     pub sweep: Sweep,
     /// The posture at the end.
     pub ends: u16,
-    /// What it is for.
+    /// Its purpose.
     pub aim: Aim,
     /// It was chosen because it ends where it blocks no other metamodule (`negotiated` only).
     pub non_blocking: bool,

@@ -28,7 +28,7 @@ impl End {
     }
 }
 
-/// What the free end of a metamodule holds: nothing, or an element in one of the grips of
+/// Load of the free end of a metamodule: nothing, or an element in one of the grips of
 /// [`Elements`](super::elements::Elements).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Load(u8);
@@ -65,7 +65,7 @@ pub struct Pose {
     pub both: bool,
     /// The number of the posture in the motion database of its kind.
     pub posture: u16,
-    /// What the free end holds.
+    /// The load of the free end.
     pub load: Load,
 }
 

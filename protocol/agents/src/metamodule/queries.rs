@@ -1,4 +1,4 @@
-//! What audits and viewers may ask of a metamodule.
+//! Read-only queries about a metamodule, for audits and viewers.
 
 use super::agent::Metamodule;
 use super::phase::Phase;

@@ -7,14 +7,14 @@ use super::params::Params;
 use metamorph_roombots::Kind;
 use serde::{Deserialize, Serialize};
 
-/// What all agents of a swarm share.
+/// Parameters, goals and tables that all agents of a swarm share.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Setup {
     /// The parameters.
     pub params: Params,
     /// The floor.
     pub floor: Floor,
-    /// What may have to be built, one at a time. The first one is the task at the beginning.
+    /// The goals, of which one at a time is built. The first one is the task at the beginning.
     pub goals: Vec<Blueprint>,
     /// The motion database of the metamodules' kind.
     pub motions: Motions,
@@ -23,7 +23,7 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// What a swarm without a goal builds: nothing. Every setup from a scenario has a goal.
+    /// The goal of a swarm that has none: it has no seeds. Every setup from a scenario has a goal.
     pub const NO_GOAL: &'static Blueprint = &Blueprint::NOTHING;
 
     /// Returns the goal of a task in its order, neither turned nor moved.

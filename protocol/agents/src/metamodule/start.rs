@@ -152,7 +152,7 @@ mod tests {
             let start = draw_start(&setup, corner, 3, seed).unwrap();
             assert!(start.poses.iter().all(|p| corner.has(p.foot().0, p.foot().1)), "seed {seed}");
         }
-        // What processes are handed is what they get.
+        // A setup survives the serialization by which processes receive it.
         let text = serde_json::to_string(&setup).unwrap();
         let again: Setup = serde_json::from_str(&text).unwrap();
         assert_eq!(again.motions.table(), setup.motions.table());

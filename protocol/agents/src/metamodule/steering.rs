@@ -9,7 +9,7 @@ use metamorph_core::wire::{Decoder, Encoder, Field, WireError};
 /// The most seeds, as the number that a command carries.
 const SEEDS: i16 = MAX_SEEDS as i16;
 
-/// What a metamodule is commanded to do.
+/// A command of an operator to a metamodule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Steering {
     /// It decides for itself again.

@@ -1,5 +1,5 @@
-//! What the parts of a metamodule read: the module itself, its neighbours, what it has granted, and the time
-//! of the step.
+//! Inputs that the parts of a metamodule read: the module itself, its neighbours, the locks that it has granted, and
+//! the time of the step.
 
 use super::blueprint::{Blueprint, SeedSet, Task};
 use super::elements::is_at_goal;
@@ -18,7 +18,7 @@ use metamorph_core::lattice::Cell;
 use metamorph_core::time::Time;
 use std::sync::Arc;
 
-/// What a metamodule knows of itself and of its task.
+/// State of a metamodule itself and of its task.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Own {
     pub id: ModuleId,
@@ -32,7 +32,7 @@ pub(super) struct Own {
     pub settled: Option<u8>,
     /// When stuck joints are tried again; `None` if no joint is stuck.
     pub stuck: Option<Time>,
-    /// What an operator has commanded, until when.
+    /// The command of an operator, and its end.
     pub steered: Option<Steered>,
     /// Before this time a restarted agent neither requests nor grants a lock: an earlier incarnation may have granted
     /// a lock that still holds.
@@ -49,7 +49,7 @@ pub(super) struct Advertised {
     pub blocked: bool,
 }
 
-/// What a part of the agent reads in one step.
+/// Inputs of a part of the agent in one step.
 #[derive(Clone, Copy)]
 pub(super) struct View<'a> {
     pub now: Time,

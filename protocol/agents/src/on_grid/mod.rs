@@ -96,7 +96,7 @@ impl Standing {
     }
 }
 
-/// What a module on the floor does.
+/// An action of a module on the floor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum GridAction {
     /// A joint, counted from 0, turns by one step; true for the positive direction.

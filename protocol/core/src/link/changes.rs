@@ -1,4 +1,4 @@
-//! What is changed about links while a run is in progress: another loss, and modules that are cut off from the others.
+//! Changes of links while a run is in progress: another loss, and modules that are cut off from the others.
 
 use crate::ids::ModuleId;
 use crate::ratio::Ratio;

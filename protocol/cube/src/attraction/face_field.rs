@@ -10,7 +10,7 @@ use metamorph_core::time::{Span, Time};
 /// The largest number of sources remembered per face.
 pub(super) const MAX_RECORDS: usize = 16;
 
-/// What is remembered of one source.
+/// Stored values of one source.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Record {
     source: u32,

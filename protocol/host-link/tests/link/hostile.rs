@@ -14,7 +14,7 @@ use proptest::prelude::*;
 /// The life of the hostile end; others that it claims are near it.
 const LIFE: u64 = 2;
 
-/// What the hostile end does next.
+/// Next action of the hostile end.
 #[derive(Clone, Debug)]
 enum Act {
     Bytes(Vec<u8>),

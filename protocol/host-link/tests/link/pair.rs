@@ -25,7 +25,7 @@ impl Prover for Plain {
     }
 }
 
-/// What one life of an end has sent to and heard from one life of the other.
+/// Frames and bytes that one start of an end has received from one start of the other.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 struct Heard {
     from: Option<Life>,
@@ -38,7 +38,7 @@ struct Heard {
 struct End {
     link: HostLink<Plain>,
     heard: Heard,
-    /// What it has written for the life that it is connected to.
+    /// The bytes written since it is connected to the present start of the other end.
     written: [Vec<u8>; 2],
     has_stopped: bool,
 }
@@ -55,7 +55,7 @@ pub struct Pair {
     sent: u32,
     defects: [Option<HostLinkDefect>; 2],
     window: usize,
-    /// What went wrong first.
+    /// The first violation.
     pub broken: Option<&'static str>,
 }
 

@@ -1,4 +1,4 @@
-//! What modules of a configuration can do: attach, detach, and turn a joint by one step (report 2009, chapter 3).
+//! Actions of the modules of a configuration: attach, detach, and turn a joint by one step (report 2009, chapter 3).
 
 use super::collision::{Collision, Model, Turning};
 use super::configuration::{Configuration, Links, MAX_MODULES, Module, Pair, at_hemispheres};
@@ -49,9 +49,9 @@ impl Connectors {
 pub struct Rules {
     /// Which connectors can make a connection.
     pub connectors: Connectors,
-    /// What a turn may touch.
+    /// The collision rule of turns.
     pub collision: Collision,
-    /// What the ground forbids; `None` in free assembly.
+    /// The restrictions by the ground; `None` in free assembly.
     pub ground: Option<Ground>,
     /// A defect that a test has injected.
     defect: Option<PlanningDefect>,

@@ -14,7 +14,7 @@
 use super::configuration::{Configuration, MAX_MODULES, Module};
 use super::tables::{OFFSET, Rot, TABLES, Vec3, sub};
 
-/// What two configurations must agree in to be the same.
+/// Level of detail in which two configurations must agree to count as equal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Detail {
     /// Everything.

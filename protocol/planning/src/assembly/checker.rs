@@ -35,7 +35,7 @@ pub struct Physics {
     pub collision: Model,
     /// True if one connector of each connection must be active: C0X or C3X.
     pub active: bool,
-    /// What the structure stands on; `None` in free assembly.
+    /// The place where the structure stands; `None` in free assembly.
     pub standing: Option<Standing>,
 }
 

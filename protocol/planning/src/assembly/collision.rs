@@ -1,8 +1,8 @@
-//! What a turn may touch: the final cells only, as in the report, or the swept space by two measures.
+//! Collision rules of turns: the final cells only, as in the report, or the swept space by two measures.
 //!
 //! In the frame of a joint all turns are one of two: 120° about (1,1,1) through the centre of a cube, 90° about z
-//! through the plate between two. A verdict about a cube that moves and one that stays depends on their places in that
-//! frame only, so it is computed once with the exact bodies ([`Body`]) and kept as a bit.
+//! through the plate between two. A verdict about a cube that moves and one that stays depends on their places in
+//! that frame only, so it is computed once with the exact bodies ([`Body`]) and kept as a bit.
 
 use super::tables::{Rot, TABLES, Vec3, sub};
 use metamorph_roombots::body::Body;

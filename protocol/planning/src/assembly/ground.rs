@@ -24,7 +24,7 @@ pub const HELD: Vec3 = [0; 3];
 /// Samples of a turn for the depth into the floor: one every 1.4° or less. The checker takes the same.
 pub const SAMPLES: u32 = 90;
 
-/// What the ground forbids.
+/// Restrictions by the ground.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Ground {
     /// The lowest z that cubes may fill, where the floor is solid.

@@ -225,7 +225,7 @@ impl KeptEdges {
         for place in 0..2 * self.modules {
             let direction = usize::from(self.directions[place / 2] ^ (place % 2) as u8);
             let frames = &ends.frames[direction];
-            // What hangs on a hemisphere in a pose.
+            // Sums the costs of the branches on one hemisphere in a pose.
             let sum = |at: usize, pose: usize| -> u16 {
                 let child = |child: &u8| {
                     let child = usize::from(*child);

@@ -19,7 +19,7 @@ pub enum NameError {
         name: &'static str,
         /// The size as typed.
         size: String,
-        /// What is expected.
+        /// A description of the expected size.
         expected: &'static str,
     },
     /// There are too many modules.

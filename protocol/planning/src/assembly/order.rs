@@ -19,7 +19,7 @@ pub struct Order {
     pub lifted: u32,
 }
 
-/// What a turn moves.
+/// Modules and cells that a turn moves.
 struct Moved {
     modules: u16,
     cubes: u32,

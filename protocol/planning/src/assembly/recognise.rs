@@ -7,7 +7,7 @@ use super::tables::TABLES;
 use metamorph_roombots::Kind;
 use serde::Serialize;
 
-/// What is known about a structure.
+/// Name and figures of a known structure.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Recognised {
     /// Its name, such as `loop:3x3`.

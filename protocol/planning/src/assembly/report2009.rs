@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 /// The least common multiple of 1 to 16, so that ratios of up to 16 joins are integers.
 const SCALE: u64 = 720_720;
 
-/// What the search has found.
+/// Result of the search.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Found {
     /// The number of actions of the first plan, and of configurations generated until it was found.

@@ -10,7 +10,7 @@ use super::shape::{Bar, Join, Shape, frames_along};
 use super::tables::{TABLES, Vec3, add, sub};
 use crate::plan::{Cost, Space};
 
-/// What an action costs.
+/// Costs of the actions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Prices {
     /// Of an attachment.

@@ -13,7 +13,7 @@ use crate::plan::{Cost, Space};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// What a plan minimizes.
+/// Quantity that a plan minimizes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Objective {

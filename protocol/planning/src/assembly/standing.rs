@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeSet;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-/// What a structure stands on. Up is +z.
+/// Place where a structure stands. Up is +z.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Standing {
     /// The hemisphere that is held: the module, and 0 for its foot or 3 for its head.
@@ -126,7 +126,7 @@ fn poses(world: &World, turn: Option<&Turned<'_>>, fraction: f64) -> Vec<[Pose; 
     let hinge = &all[turn.module][turn.joint];
     let axis = hinge.rotation * if turn.joint == 1 { Vector3::z() } else { diagonal() };
     let pivot = hinge.origin;
-    // What moves is in front of the joint or behind it: in front, it turns the other way.
+    // The moving part is in front of the joint or behind it; behind it, the sense of the turn is the opposite.
     let behind = turn.moves.contains(&(turn.module, turn.joint + 1));
     let full = if turn.joint == 1 { FRAC_PI_2 } else { TAU / 3.0 };
     let angle = if behind == turn.positive { full } else { -full };

@@ -34,7 +34,7 @@ pub const NONE: u8 = u8::MAX;
 pub struct Tables {
     /// The rotations.
     pub rotations: [LatticeRotation; ROTATIONS],
-    /// What a step along each axis adds to a packed cell after a rotation.
+    /// The change of a packed cell by a step along each axis, after each rotation.
     weights: [[i32; 3]; ROTATIONS],
     /// Products.
     pub product: [[Rot; ROTATIONS]; ROTATIONS],

@@ -1,4 +1,4 @@
-//! What an element touches and sweeps while one joint of its holder turns, with exact bodies.
+//! Contacts and swept space of an element while one joint of its holder turns, with exact bodies.
 //!
 //! A cell of an element is a full cube. As in [`metamorph_roombots::sweep`] all steps of a joint look alike in its
 //! frame, so each place of a cell is swept once.
@@ -48,7 +48,7 @@ impl Convex for Block {
     }
 }
 
-/// What one cell of an element does during a step, in the frame of the joint.
+/// Sweep of one cell of an element during a step, in the frame of the joint.
 struct BlockSweep {
     /// How far it reaches from the pivot towards each face.
     reach: [f64; 6],

@@ -48,7 +48,7 @@ impl Estimate {
     }
 }
 
-/// What a metamodule can do within limits.
+/// Steps and landings that a metamodule can reach within limits.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Strides {
     /// The number of postures within the limits.

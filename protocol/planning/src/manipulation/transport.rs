@@ -53,7 +53,7 @@ names!(Reason {
 /// A plan that was carried out with all bodies.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Plan {
-    /// What is done, in order.
+    /// The actions in order.
     pub actions: Vec<Action>,
     /// The number of hand-overs.
     pub hand_overs: u32,

@@ -20,7 +20,7 @@ const MAX_KEPT: usize = 8;
 /// Least distance in cells between the feet of a metamodule that went away and the other one.
 const APART: u32 = 5;
 
-/// What a metamodule does.
+/// Action of the body of a metamodule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BodyAction {
     /// It moves.
@@ -39,7 +39,7 @@ pub enum BodyAction {
 pub struct Action {
     /// The metamodule, from 0.
     pub mover: usize,
-    /// What it does.
+    /// The action of its body.
     pub body_action: BodyAction,
 }
 
@@ -55,13 +55,13 @@ pub struct Situation<'a> {
     element: Vec<Cell>,
     /// Cells that nothing may enter.
     fixed: &'a [Cell],
-    /// What was done so far.
+    /// The actions so far.
     pub actions: Vec<Action>,
-    /// What is known of walks from here; clones share it.
+    /// The cache of walks from here; clones share it.
     known: Rc<RefCell<Known<'a>>>,
 }
 
-/// What is known of walks from a situation.
+/// Cache of the walks from a situation.
 #[derive(Default)]
 struct Known<'a> {
     /// By metamodule.

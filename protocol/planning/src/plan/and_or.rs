@@ -80,9 +80,9 @@ pub trait Removals {
 /// A bundle that leaves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Removal<W> {
-    /// What stands before, the bundle included.
+    /// The items that stand before, the bundle included.
     pub standing: Items,
-    /// What leaves.
+    /// The items that leave.
     pub bundle: Items,
     /// How.
     pub way: W,

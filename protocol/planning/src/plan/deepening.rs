@@ -37,7 +37,7 @@ pub(super) struct Deepening<S: Space> {
     visited: u64,
 }
 
-/// What a step of the search found.
+/// Result of a step of the search.
 pub(super) enum Found {
     /// A state was expanded.
     Expanded { generated: u64 },

@@ -37,7 +37,7 @@ pub struct DStarLite<G> {
     /// Nodes whose two distances differ.
     open: BTreeSet<(Priority, u32)>,
     priorities: Vec<Option<Priority>>,
-    /// What new priorities are raised by, instead of lowering the old ones when the start moves (k_m of D* Lite).
+    /// The amount added to new priorities, instead of lowering the old ones when the start moves (k_m of D* Lite).
     raised: Length,
     expanded: u64,
 }

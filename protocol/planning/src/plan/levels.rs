@@ -13,7 +13,7 @@ pub struct Levels<S: Space> {
     starts: Vec<Id>,
 }
 
-/// What a slice of work led to.
+/// Result of a slice of work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Counted {
     /// There is more to do.

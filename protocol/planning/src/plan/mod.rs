@@ -76,7 +76,7 @@ pub trait Space {
     }
 }
 
-/// What a search may use.
+/// Resources that a search may use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// The largest number of bytes kept.
@@ -116,7 +116,7 @@ pub struct Path {
     pub cost: Cost,
 }
 
-/// What ran out.
+/// The exhausted resource.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Resource {
@@ -154,7 +154,7 @@ pub enum Outcome {
     },
 }
 
-/// What a slice of work led to.
+/// Result of a slice of work.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Step {
     /// There is more to do.

@@ -14,7 +14,7 @@ pub struct Portfolio<S: Space> {
     exact: Search<S>,
     /// `None` when it has ended.
     beam: Option<Beam<S>>,
-    /// What the beam search has expanded and generated if it has ended.
+    /// The numbers of states that the beam search has expanded and generated if it has ended.
     ended: Progress,
     beams_turn: bool,
     /// The factor in hundredths within which a plan is good enough.

@@ -23,7 +23,7 @@ pub const NO_PARENT: Id = Id::MAX;
 /// The bit of [`Node::cost`] that marks an expanded state.
 const EXPANDED: u16 = 0x8000;
 
-/// What is kept of a state beside its key.
+/// Fields of a state that are stored apart from its key.
 #[derive(Clone, Copy, Debug, Default)]
 struct Node {
     parent: Id,

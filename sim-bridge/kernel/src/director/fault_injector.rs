@@ -19,7 +19,7 @@ pub struct FaultInjector {
     /// The origin of the fault that is being injected.
     by: Origin,
     paused: BTreeSet<ModuleId>,
-    /// What commands have changed about the links.
+    /// The changes of links by commands.
     links: LinkChanges,
     /// When the loss and the partition of the last commands end.
     link_ends: [Option<Time>; 2],

@@ -17,13 +17,13 @@ pub struct WorldFault {
     pub name: &'static str,
     /// True if it makes things worse, rather than ending another fault.
     pub harms: bool,
-    /// What it is told.
+    /// The form of its argument.
     pub form: Form,
-    /// What it does, in a few words.
+    /// A short description of its effect.
     pub about: &'static str,
 }
 
-/// What a [`WorldFault`] is told.
+/// Form of the argument of a [`WorldFault`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Form {
     /// Where.
@@ -40,7 +40,7 @@ pub enum Form {
     Nothing,
 }
 
-/// What a [`WorldFault`] hits.
+/// The argument of a [`WorldFault`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Target {
     /// A cell.
@@ -102,7 +102,7 @@ pub enum Fault {
     /// An operator tells a module what to do; only some families obey, and no schedule of a scenario contains this but as a
     /// command.
     Steer(ModuleId, Steering),
-    /// What links do is changed; every family has it.
+    /// Links change their impairments; every family has it.
     Links(LinkFault),
     /// Something happens to the world that only some families know.
     World(&'static WorldFault, Target),

@@ -12,7 +12,7 @@ use metamorph_core::rng::Rng;
 use metamorph_core::time::{Span, Time};
 use std::collections::BTreeMap;
 
-/// What can be seen of one part of a swarm: a module, or a metamodule.
+/// Visible state of one part of a swarm: a module, or a metamodule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Part {
     /// Its process lives.
@@ -30,7 +30,7 @@ pub struct Part {
 /// A swarm that moves and fills no place of its goal for this many windows is stuck as well.
 const CIRCLES: u64 = 8;
 
-/// What an operator sees of one swarm.
+/// An operator's view of one swarm.
 pub trait Scene {
     /// Returns the number of its parts.
     fn parts(&self) -> usize;
@@ -116,7 +116,7 @@ pub struct Habits {
     pub act: (Span, Span),
     /// Which case comes first.
     pub choice: Choice,
-    /// What is commanded.
+    /// The kind of commands.
     pub level: Level,
     /// A swarm without progress for this long is stuck.
     pub window: Span,
@@ -182,7 +182,7 @@ enum Phase {
     Acting { swarm: usize, part: ModuleId, from: Time, until: Time, left: Vec<Fault> },
 }
 
-/// What the operator knows of one swarm.
+/// The operator's knowledge of one swarm.
 #[derive(Clone, Debug, Default)]
 struct Watched {
     /// When it was noticed, or will be, that the swarm is stuck.

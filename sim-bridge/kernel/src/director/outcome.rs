@@ -91,7 +91,7 @@ pub struct Proof {
 /// A part of a goal, such as a cell or a seed to be filled.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Objective {
-    /// What it is, for people.
+    /// Its description for people.
     pub text: String,
     /// Its cell, if it is to fill one.
     pub cell: Option<Cell>,
@@ -120,6 +120,6 @@ pub struct Stall {
     pub waiting: Vec<Waiter>,
     /// When the swarm itself detected the standstill, and which module did; `None` if it did not.
     pub detected: Option<(Time, ModuleId)>,
-    /// What is proved; `None` if nothing is, or if the modules are cubes.
+    /// The proof; `None` if nothing is proved, or if the modules are cubes.
     pub proof: Option<Proof>,
 }

@@ -1,4 +1,4 @@
-//! What a search of a standstill can prove: the rules within which no plan exists.
+//! Proofs about a standstill: the rules within which a search shows that no plan exists.
 
 use serde::Serialize;
 use std::fmt;

@@ -12,7 +12,7 @@ pub struct Reason {
     /// The condition under which a run that ended for this reason does not count as a fault of the protocol, without
     /// further proof.
     pub excuse: Excuse,
-    /// What the reason itself proves.
+    /// The proof that the reason itself gives.
     pub proves: Proves,
 }
 
@@ -31,7 +31,7 @@ pub enum Excuse {
     Always,
 }
 
-/// What a reason proves about what could have been built.
+/// Proof that a reason gives about the cells that could have been filled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Proves {
     /// Nothing.

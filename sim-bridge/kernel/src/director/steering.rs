@@ -12,7 +12,7 @@ pub const LONGEST_LEASE: Span = Span::secs(600);
 /// Places of a goal at most.
 const PLACES: u8 = 128;
 
-/// What a module is commanded to do.
+/// A command of an operator to a module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Steering {
     /// It goes to this cell and stays there.

@@ -1,9 +1,9 @@
-//! What an operator costs: the log of a team of units and operators, and the measures that follow from it
-//! (thesis E.2). Times are whole ticks of any unit; measures are in the same.
+//! Costs of an operator: the log of a team of units and operators, and the measures that follow from it (thesis E.2).
+//! Times are whole ticks of any unit; measures are in the same.
 
 use std::collections::BTreeMap;
 
-/// What is measured together.
+/// Log of one team.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TeamLog {
     /// The performance below which a unit counts as neglected.

@@ -56,7 +56,7 @@ pub struct RecordedWorld<W: World> {
     inner: W,
     log: Log,
     now: Time,
-    /// What bodies sensed, taken from the world in order to see which actions ended, and not polled yet.
+    /// Inputs that bodies sensed, taken from the world in order to see which actions ended, and not polled yet.
     sensed: VecDeque<Emitted<W>>,
 }
 

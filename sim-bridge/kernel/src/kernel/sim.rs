@@ -93,9 +93,9 @@ pub struct Sim<W: Audited, D: DirectorPort<W>> {
     backlogs: BTreeMap<ModuleId, Backlog<W::Agent>>,
     queue: Queue<Event>,
     parcels: Slab<InFlight<<W::Agent as Agent>::Message>>,
-    /// What several hosts add; `None` if there is only one.
+    /// The streams between several hosts; `None` if there is only one.
     hosts: Option<HostStreams>,
-    /// What a link for orders and reports adds; `None` if they take no time.
+    /// The link of orders and reports; `None` if they take no time.
     controller: Option<ControlStreams>,
     /// Messages under way between agents and the controller.
     posted: Slab<Posted<W::Agent>>,

@@ -30,7 +30,7 @@ const REPLANS: u32 = 8;
 /// A module that is being restarted is awaited for this many times the patience: how long that takes depends on the machine.
 const RESTART_PATIENCE: u64 = 32;
 
-/// What has been planned and ordered in a run.
+/// Counts of plans and orders in a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PlanCounts {
     /// Plans made.
@@ -116,7 +116,7 @@ struct Sent {
     repeat_at: Time,
 }
 
-/// What one module does of an action.
+/// Part of one module in an action.
 #[derive(Clone, Copy, Debug)]
 struct Side {
     id: ModuleId,
@@ -478,7 +478,7 @@ impl PlanExecution {
                 return true;
             }
             None => {
-                // What has begun by then has ended, and has been reported.
+                // An action that began in time has ended by then, and has been reported.
                 let late = sent.not_after + self.setup.turn_time * 2 + self.setup.resend * 4;
                 if now > late {
                     self.counts.late += 1;

@@ -49,7 +49,7 @@ struct Run {
     seed: u64,
 }
 
-/// What became of it.
+/// Result of a run.
 struct Ran {
     outcome: Option<Outcome>,
     stall: Option<Stall>,

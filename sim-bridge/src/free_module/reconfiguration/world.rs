@@ -291,7 +291,7 @@ impl FreeModuleWorld {
         let turns = self.bodies.iter().flat_map(|b| &b.under_way).flat_map(|u| &u.turn);
         let meets =
             |[low, high]: [[i16; 3]; 2]| (0..3).all(|i| reach[0][i] <= high[i] && low[i] <= reach[1][i]);
-        // What two turns sweep at once is not sampled, so they must be out of each other's reach.
+        // The cells swept by two turns at once are not sampled, so the turns must be out of each other's reach.
         match turns.into_iter().any(|turn| meets(turn.reach) || turn.moving.contains(&module)) {
             true => Err(Refusal::Busy),
             false => Ok(Turn { joint, positive, moving, reach }),
@@ -466,7 +466,7 @@ impl World for FreeModuleWorld {
     }
 }
 
-/// What tests of the checks do to bodies behind the back of the interlock.
+/// Changes of bodies that bypass the interlock, for tests of the checks.
 #[cfg(test)]
 impl FreeModuleWorld {
     pub(super) fn revision(&self, id: ModuleId) -> Revision {

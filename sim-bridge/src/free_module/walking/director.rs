@@ -54,7 +54,7 @@ pub struct Course {
     pub stop: Stop,
 }
 
-/// What was done between two changes of the structure.
+/// Record of the gaits between two changes of the structure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Situation {
     /// Its beginning.
@@ -71,7 +71,7 @@ pub struct Situation {
     pub kept: Option<Time>,
 }
 
-/// What the structure does.
+/// State of the search for a gait.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum State {
     /// Agents find out the structure; not before the first and at the second time at the latest the next gait begins.
@@ -92,7 +92,7 @@ pub struct WalkDirector {
     tuner: Box<dyn Tuner>,
     trial: Span,
     members: Members,
-    /// What agents have reported since the structure changed last.
+    /// The reports of agents since the last change of the structure.
     agreed: BTreeMap<ModuleId, u64>,
     state: State,
     epoch: u16,

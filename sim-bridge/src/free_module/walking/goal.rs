@@ -1,4 +1,4 @@
-//! What is asked of a structure that walks: how fast, how long, and where to.
+//! Goals of a walking structure: its speed, how long, and where to.
 
 use super::measure::Movement;
 use metamorph_protocol::time::Span;

@@ -38,7 +38,7 @@ pub(super) struct Goal {
     scheduled: VecDeque<(Time, u8)>,
     /// An entry for every goal so far, the current one last.
     stages: Vec<Stage>,
-    /// What was done to the goal since it is built.
+    /// The changes of the goal since its construction began.
     changes: Vec<GoalChange>,
 }
 

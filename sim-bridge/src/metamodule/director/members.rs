@@ -1,4 +1,5 @@
-//! What the director knows of each metamodule: its reports, its death, and the standstill that metamodules detect themselves.
+//! Records of the director about each metamodule: its reports, its death, and the standstill that metamodules detect
+//! themselves.
 
 use crate::metamodule::world::MetamoduleWorld;
 use metamorph_protocol::ids::ModuleId;
@@ -10,7 +11,7 @@ use std::collections::{BTreeSet, VecDeque};
 /// Commands to the driver, in order.
 pub(super) type Orders = VecDeque<Command<Order>>;
 
-/// What is known of a metamodule.
+/// The director's record of a metamodule.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Known {
     pub alive: bool,

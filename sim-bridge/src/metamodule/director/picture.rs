@@ -1,4 +1,5 @@
-//! What an operator sees of a swarm of metamodules, which commands help it on, and the scripted operator of a run.
+//! An operator's view of a swarm of metamodules, the commands that resolve a standstill, and the scripted operator of
+//! a run.
 
 use super::view::View;
 use crate::metamodule::faults::GOAL_MOVED;
@@ -23,7 +24,7 @@ use std::collections::BTreeSet;
 /// Places that are drawn from when a goal is moved or a metamodule sent away.
 const CHOICES: usize = 8;
 
-/// What an operator sees of a swarm of metamodules.
+/// An operator's view of a swarm of metamodules.
 pub struct Picture<'a> {
     view: View<'a>,
     filled_at: Time,

@@ -45,7 +45,7 @@ const SEARCH_WORK: usize = WORK / 10;
 /// The number of plans in a row, without a seed filled in between, after which the metamodules decide for themselves.
 const REPLANS: u32 = 8;
 
-/// What has been planned and ordered in a run.
+/// Counts of plans and orders in a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PlanCounts {
     /// Plans made.
@@ -73,11 +73,11 @@ pub(super) struct ElementNow {
     pub holders: Vec<ModuleId>,
 }
 
-/// What decides which plan is made, of one metamodule that has reported: its pose, whether it fills a seed, and whether
-/// its joints are stuck.
+/// Inputs that determine the plan, of one metamodule that has reported: its pose, whether it fills a seed, and
+/// whether its joints are stuck.
 type Standing = (ModuleId, Option<(Pose, bool, bool)>);
 
-/// What is known of the swarm at a moment.
+/// The director's knowledge of the swarm at one time.
 pub(super) struct Swarm<'a> {
     pub setup: &'a Arc<Setup>,
     pub scenes: &'a Scenes,
@@ -223,7 +223,7 @@ pub(super) struct PlanExecution {
     left: usize,
     /// The order of the elements for this task.
     order: Option<(Task, Vec<usize>)>,
-    /// What was known when there was nothing more to do.
+    /// The knowledge with which the last plan found nothing more to do.
     rested: Vec<Standing>,
     /// Whether metamodules may decide for themselves where there is no plan.
     hands_over: bool,
@@ -308,7 +308,7 @@ impl PlanExecution {
         let ordered = |id: ModuleId| self.steps.iter().any(|s| s.id == id && s.due.is_some() && !s.done);
         let moving: Vec<ModuleId> =
             swarm.living().map(|(id, _)| id).filter(|id| is_free || ordered(*id)).collect();
-        // What is under way to a metamodule meanwhile is not known to have been obeyed.
+        // An order that is still in transit is not known to have been obeyed.
         let sent = swarm.setup.params.resend + self.round_trip;
         let settles = if moving.is_empty() { Span::ZERO } else { sent };
         moving.into_iter().for_each(|id| self.instruct(id, Instruction::Stay, orders));
@@ -498,7 +498,7 @@ impl PlanExecution {
             return;
         }
         if !self.suspected.is_empty() && self.replans < REPLANS {
-            // What was in their way may be gone, or their joints may turn again.
+            // The obstacle may be gone, or the joints may turn again.
             self.suspected.clear();
             self.stage = Stage::Holding(now + swarm.setup.params.patience * u64::from(self.replans));
         } else if self.hands_over

@@ -1,4 +1,4 @@
-//! What the parts of the director read to judge the swarm: the setup, the bodies, the reports and the goal.
+//! Inputs of the director's parts: the setup, the bodies, the reports and the goal.
 
 use super::goal::Goal;
 use super::members::{Known, Members};

@@ -7,7 +7,7 @@ use metamorph_protocol::manipulation::colour::colour;
 use metamorph_protocol::metamodule::message::{BodyAction, Percept};
 use metamorph_protocol::metamodule::pose::{Load, Pose};
 
-/// What became of an element whose latches opened.
+/// Fate of an element whose latches opened.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Drop {
     /// Nobody held it, or there is no such element.

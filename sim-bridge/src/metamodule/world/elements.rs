@@ -44,7 +44,7 @@ impl ElementBody {
     }
 }
 
-/// What follows from the cells is left out.
+/// Hashes the cells only; the other fields follow from them.
 impl Hash for ElementBody {
     fn hash<H: Hasher>(&self, state: &mut H) {
         self.cells.hash(state);

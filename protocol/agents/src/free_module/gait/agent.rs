@@ -24,7 +24,7 @@ use std::sync::Arc;
 /// Link states sent at a time to a neighbour that knows others.
 const REPAIR: usize = 8;
 
-/// What an agent knows of the neighbour at a port.
+/// Knowledge about the neighbour at a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Neighbour {
     /// The hash of the link states that it knows.
@@ -52,7 +52,7 @@ pub struct FreeModule {
     setup: Arc<Setup>,
     id: ModuleId,
     rng: Rng,
-    /// What is docked while all contacts last.
+    /// The modules that are docked while all contacts last.
     docking: Docking,
     neighbours: [Option<Neighbour>; CONNECTORS],
     own: LinkState,

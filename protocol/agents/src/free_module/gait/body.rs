@@ -1,4 +1,4 @@
-//! What bodies and agents of walking modules tell: where a body is, and the task of each joint.
+//! Messages between bodies and agents of walking modules: the place of a body, and the task of each joint.
 
 use super::message::Docking;
 use crate::free_module::network::Role;
@@ -30,10 +30,10 @@ impl Default for Pose {
 fields!(Pose { position, rotation, angles });
 only_message!(Pose = 0);
 
-/// What is docked at a module, and where its body is.
+/// The modules docked at a module, and the place of its body.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Place {
-    /// What is docked.
+    /// The docked modules.
     pub docking: Docking,
     /// Where the body is.
     pub pose: Pose,
@@ -42,7 +42,7 @@ pub struct Place {
 fields!(Place { docking, pose });
 only_message!(Place = 0);
 
-/// What a joint does in the network in use.
+/// Role of a joint in the network in use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Task {
     /// It has no oscillator and stays at 0.
@@ -75,7 +75,7 @@ impl Task {
     }
 }
 
-/// What an agent reports when it goes over to another network.
+/// Report of an agent that changes to another network.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Status {
     /// The hash of the link states that the network was made from.

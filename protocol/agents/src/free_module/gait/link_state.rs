@@ -1,4 +1,4 @@
-//! What an agent knows of the structure: the newest statement of every module.
+//! Link-state database: the newest statement of every module, from which an agent knows the structure.
 
 use super::message::{Docked, LinkState};
 use crate::free_module::structure::{Connection, Structure};

@@ -1,4 +1,4 @@
-//! What agents tell each other, what they know at birth, and the orders of the controller.
+//! Messages between agents of walking modules, their knowledge at the start, and the orders of the controller.
 
 use crate::free_module::oscillator::{Angle, Phase};
 use crate::free_module::structure::{JOINTS, Joint, MAX_MODULES, Structure};
@@ -16,7 +16,7 @@ pub const PHASES: usize = 5;
 /// No module.
 const UNDOCKED: u16 = u16::MAX;
 
-/// What is docked at a connector.
+/// A module docked at a connector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Docked {
     /// The module.
@@ -27,7 +27,7 @@ pub struct Docked {
     pub rotation: u8,
 }
 
-/// What a module senses at its connectors.
+/// Modules docked at each connector, as sensed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Docking(pub [Option<Docked>; CONNECTORS]);
 
@@ -79,7 +79,7 @@ fn module(number: u16) -> Result<ModuleId, WireError> {
 
 only_message!(Docking = 0);
 
-/// What a module tells all others about itself.
+/// Statement of a module about itself, flooded to all others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct LinkState {
     /// The module.
@@ -88,7 +88,7 @@ pub struct LinkState {
     pub incarnation: Incarnation,
     /// The number of the statement; of an incarnation the largest one counts.
     pub number: u32,
-    /// What is docked.
+    /// The docked modules.
     pub docking: Docking,
 }
 
@@ -157,7 +157,7 @@ fn angle(from: &mut Decoder<'_>, field: &'static str) -> Result<Angle, WireError
 /// A message between agents.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Message {
-    /// What a module is docked to; passed on to all.
+    /// The modules that a module is docked to; flooded to all.
     LinkState(LinkState),
     /// A comparison of what is known.
     Known {
@@ -259,7 +259,8 @@ impl Field for Gait {
     }
 }
 
-/// What an agent asks of its body: to move to these angles, and to stop where it is if nothing newer came in time.
+/// Request of an agent to its body: to move to these angles, and to stop where it is if no newer request arrives in
+/// time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Follow {
     /// The angles of q1, q2 and q3.

@@ -20,7 +20,7 @@ use super::oscillator::Dynamics;
 use metamorph_core::time::Span;
 use serde::{Deserialize, Serialize};
 
-/// What all agents of a structure share and what never changes.
+/// Constant parameters that all agents of a structure share.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Setup {
     /// Frequency, weight and rate of the oscillators.

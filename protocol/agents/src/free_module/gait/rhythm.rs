@@ -24,11 +24,11 @@ pub struct Rhythm {
     oscillators: [Oscillator; N],
     /// The newest phase of each other oscillator, of this epoch.
     heard: BTreeMap<Joint, PhaseAt>,
-    /// What receivers know of each own oscillator.
+    /// The last message about each own oscillator, as its receivers know it.
     told: [Option<Told>; N],
 }
 
-/// What receivers know of an oscillator.
+/// State of an oscillator as its receivers know it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Told {
     /// The phase from which all later ones could be extrapolated.

@@ -5,8 +5,8 @@ use crate::free_module::structure::{Joint, Structure};
 use metamorph_core::ids::{ModuleId, Port};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What one module does with the phase of each oscillator. All modules that know the same structure compute ways that
-/// fit together.
+/// Forwarding table of one module for the phases of all oscillators. Modules that know the same structure compute
+/// consistent tables.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Routes {
     /// The ports by which a phase leaves.

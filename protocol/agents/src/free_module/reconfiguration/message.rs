@@ -1,4 +1,4 @@
-//! What free modules tell each other, their bodies and the controller.
+//! Messages of free modules to each other, to their bodies and to the controller.
 
 use super::place::{CONNECTORS, Place, connectors};
 use metamorph_core::ids::ModuleId;
@@ -8,7 +8,7 @@ use metamorph_core::wire::{Decoder, Encoder, Field, Wire, WireError};
 use metamorph_core::{codes, fields, messages};
 use metamorph_planning::assembly::tables::POSTURES;
 
-/// What one module does in a step of a plan. A connection is made, or given up, by both sides.
+/// Part of one module in a step of a plan. A connection is made, or given up, by both sides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum BodyAction {
     /// Closes a connector, which faces another one.
@@ -66,7 +66,7 @@ pub struct StepName {
 
 fields!(StepName { epoch, index, attempt });
 
-/// What the controller orders.
+/// An order of the controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Order {
     /// Orders of earlier epochs are over. What is under way is finished.
@@ -78,7 +78,7 @@ pub enum Order {
     Step {
         /// Its name.
         step: StepName,
-        /// What to do.
+        /// The action of the body.
         body_action: BodyAction,
         /// The joint values and closed connectors for which it was planned.
         expect: (u8, u16),
@@ -123,10 +123,10 @@ impl Failure {
     ];
 }
 
-/// What became of a step.
+/// Result of a step.
 pub type StepResult = Result<(), Failure>;
 
-/// What a module tells the controller whenever it changes, and when an order is repeated.
+/// Status report to the controller, sent on each change and in answer to a repeated order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Status {
     /// The latest epoch that it knows.
@@ -184,7 +184,7 @@ impl Wire for Status {
 pub struct Action {
     /// The step that it carries out.
     pub step: StepName,
-    /// What to do.
+    /// The action of the body.
     pub body_action: BodyAction,
     /// The body refuses to begin after this time.
     pub not_after: Time,
@@ -237,7 +237,7 @@ pub struct Swing {
 
 fields!(Swing { pivot, axis, degrees });
 
-/// What a body tells about an action.
+/// Answer of a body to an action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Percept {
     /// The action is done, and this is where the body is now.
@@ -285,14 +285,14 @@ impl Denial {
     const ALL: [Denial; 5] = [Denial::Busy, Denial::Held, Denial::Loop, Denial::Quarantined, Denial::Changed];
 }
 
-/// What modules tell each other: the branch lock of a turn.
+/// A message between modules: it is about the branch lock of a turn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Message {
     /// The module that turns.
     pub origin: ModuleId,
     /// Its attempt; a later one is larger.
     pub token: u32,
-    /// What about it.
+    /// Its content.
     pub what: LockMessage,
 }
 

@@ -18,7 +18,7 @@ use metamorph_core::defects::Defect;
 use metamorph_core::time::Span;
 use serde::{Deserialize, Serialize};
 
-/// What all agents share and what never changes. All times are scenario time.
+/// Constant parameters that all agents share. All times are scenario time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Setup {
     /// How long a step of a joint takes, 120° or 90°.

@@ -136,7 +136,8 @@ fn orders_are_taken_once_and_in_order() {
     assert!(acts(&stale).is_empty() && stale.iter().any(result), "{stale:?}");
 }
 
-/// What an earlier incarnation began ends after the restart: that is not the step that has been ordered since.
+/// An action that an earlier incarnation began may end after the restart. It is not the step that has been ordered
+/// since.
 #[test]
 fn the_end_of_an_earlier_action_is_not_that_of_a_new_step() {
     for (percept, expected) in [

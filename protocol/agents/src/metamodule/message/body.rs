@@ -1,4 +1,4 @@
-//! What a metamodule asks of its body, and how the body answers.
+//! Actions that a metamodule requests of its body, and the answers of the body.
 
 use crate::metamodule::pose::{Load, Pose};
 use metamorph_core::time::Time;
@@ -23,7 +23,7 @@ pub enum BodyAction {
 /// An action for the body, with the latest time to begin it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Action {
-    /// What to do.
+    /// The action of the body.
     pub body_action: BodyAction,
     /// The body refuses to begin after this time.
     pub not_after: Time,

@@ -1,4 +1,4 @@
-//! What the world-controller orders, and what a metamodule reports to it.
+//! Orders of the world-controller to a metamodule, and reports of a metamodule to it.
 
 use super::Instruction;
 use crate::metamodule::blueprint::{MAX_SEEDS, SeedSet, Task};
@@ -10,17 +10,17 @@ use metamorph_core::lattice::Cell;
 use metamorph_core::time::Time;
 use metamorph_core::wire::{Decoder, Encoder, Field, Wire, WireError};
 
-/// What the world-controller tells a metamodule.
+/// An order of the world-controller to a metamodule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Order {
     /// The task, and which of its seeds are open and which are filled. While the task is the same, the set of filled
     /// seeds only grows, so of two orders the one with the larger set is later.
     Seeds {
-        /// What is to be built.
+        /// The current task.
         task: Task,
         /// The seeds that may be filled now.
         open: SeedSet,
-        /// What is filled.
+        /// The filled seeds.
         filled: SeedSet,
     },
     /// The process of a metamodule is gone and cannot come back in its present sessions; its body
@@ -43,21 +43,21 @@ pub enum Order {
         /// Whether it is there.
         there: bool,
     },
-    /// What this metamodule does next (`planned` only). An instruction replaces those with smaller numbers.
+    /// The next instruction for this metamodule (`planned` only). It replaces those with smaller numbers.
     Instruct {
         /// Counts the instructions of a run.
         number: u32,
         /// `Over` lets it decide for itself, as under `negotiated`.
         instruction: Instruction,
     },
-    /// What an operator commands this metamodule. It replaces the command before.
+    /// A command of an operator to this metamodule. It replaces the command before.
     Steer {
         /// The command.
         steering: Steering,
         /// The end of its lease.
         until: Time,
     },
-    /// What the parameters of the published strategies are from now on.
+    /// The new parameters of the published strategies.
     Tune(Tuning),
 }
 
@@ -130,7 +130,7 @@ impl Wire for Order {
     }
 }
 
-/// What a metamodule tells the world-controller whenever it changes.
+/// Status report to the world-controller, sent on each change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Status {
     /// The pose that it believes itself to be in.

@@ -34,7 +34,7 @@ pub struct State {
     pub stuck: bool,
     /// It is blocked: it stands in the path of a more important metamodule and cannot leave it now.
     pub blocked: bool,
-    /// What it builds.
+    /// The current task.
     pub task: Task,
     /// The seeds of the task that the sender knows to be filled.
     pub filled: SeedSet,
@@ -184,20 +184,20 @@ impl Field for Path {
     }
 }
 
-/// What a coordinator orders, while the group makes no progress by itself (`negotiated` only).
+/// Directive of a coordinator, sent while the group makes no progress by itself (`negotiated` only).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Directive {
     /// The sender; of two coordinators, the one with the smaller number is followed.
     pub coordinator: ModuleId,
     /// Counted together with the sender's states.
     pub sequence: u32,
-    /// What is to be done.
+    /// The instruction.
     pub instruction: Instruction,
 }
 
 fields!(Directive { coordinator, sequence, instruction });
 
-/// What is to be done by all metamodules in range of a coordinator.
+/// Instruction to all metamodules in range of a coordinator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Instruction {
     /// The sender no longer coordinates.
@@ -212,7 +212,7 @@ pub enum Instruction {
         from: Pose,
         /// The posture to turn to.
         posture: u16,
-        /// What it does then.
+        /// The action after the turns.
         end: MoveEnd,
     },
     /// All stay, and one grips an element or lets it go (`planned` only).
@@ -221,12 +221,12 @@ pub enum Instruction {
         mover: ModuleId,
         /// Where it stands.
         from: Pose,
-        /// What it holds afterwards.
+        /// The load afterwards.
         load: Load,
     },
 }
 
-/// What a metamodule does when it has turned to the posture of a move.
+/// Action of a metamodule that has turned to the posture of a move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum MoveEnd {
     /// It stays as it is, free, also where it could fill a seed.
@@ -289,7 +289,7 @@ impl Field for Probe {
     }
 }
 
-/// What a wave has counted.
+/// Counts of a wave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub struct Counted {
     /// Metamodules that do nothing until they hear something new.
@@ -341,14 +341,14 @@ impl Denial {
 
 codes!(Denial or none, "denial" { Occupied, Held, Younger, Quarantined });
 
-/// What metamodules say to each other.
+/// A message between metamodules.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Message {
     /// Where the sender is.
     State(State),
     /// Where the sender intends to go.
     Path(Path),
-    /// What all in range are to do.
+    /// A directive to all in range.
     Directive(Directive),
     /// Asks whether any metamodule can go on, or answers that none of those asked can.
     Probe(Probe),

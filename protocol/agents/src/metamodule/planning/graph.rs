@@ -26,7 +26,7 @@ pub struct Landed {
     pub turns: u8,
 }
 
-/// What can be reached from one posture.
+/// Landings and postures that can be reached from one posture.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Reach {
     /// Landings by number of turns, then by number of the posture.

@@ -64,7 +64,7 @@ enum By {
     Wakes { rests: u32, woken: u32, posture: u16 },
 }
 
-/// What one body can reach while all others stay.
+/// Poses that one body can reach while all others stay.
 pub struct Reachable {
     body: usize,
     stays: Vec<Stay>,

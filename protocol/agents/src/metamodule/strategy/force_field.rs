@@ -17,15 +17,14 @@ pub const ONE: i64 = 1 << 16;
 /// A connector of the floor.
 pub type Place = (i16, i16);
 
-/// What acts on a metamodule in one place: the pull of the open seeds, and the push of the neighbours
-/// in range.
+/// Forces on a metamodule in one place: the pull of the open seeds, and the push of the neighbours in range.
 ///
 /// Each seed pulls with a weight of 1/distance, and the weights are scaled to a sum of one. The pull on a move is not
 /// the force where the move begins, but the distance that the whole move gains. Distances count the remaining moves
 /// around everything that does not move ([`distance`]). With straight-line distances, the parts already built would
-/// keep almost all metamodules away from the seeds, because moves are coarse: no kind has a move of two cells straight
-/// ahead, and PAR has none of one cell. Only the metamodules that move remain as obstacles, and the strategies are
-/// about how to deal with those.
+/// keep almost all metamodules away from the seeds, because moves are coarse: no kind has a move of two cells
+/// straight ahead, and PAR has none of one cell. Only the metamodules that move remain as obstacles, and the
+/// strategies are about how to deal with those.
 pub struct Field<'a> {
     motions: &'a Motions,
     floor: Floor,

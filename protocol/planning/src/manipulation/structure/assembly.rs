@@ -18,14 +18,14 @@ pub const MAX_REFUTATIONS: usize = 64;
 /// The weight of the lower bound of transports, in hundredths.
 const WEIGHT: u32 = 500;
 
-/// What was done to place one bundle.
+/// Actions that placed one bundle.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Placed {
     /// The seats and pieces of the bundle.
     pub items: Items,
     /// The steps, from 0, that must be done before.
     pub after: Vec<usize>,
-    /// What was done, in order. Movers are numbered as in the start.
+    /// The actions in order. Movers are numbered as in the start.
     pub actions: Vec<Action>,
     /// The number of hand-overs.
     pub hand_overs: u32,

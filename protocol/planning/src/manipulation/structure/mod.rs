@@ -44,7 +44,7 @@ pub struct Part {
     pub goal: Vec<Cell>,
 }
 
-/// What all parts of a structure have in common.
+/// Data that all parts of a structure share.
 #[derive(Clone, Debug)]
 pub struct Site {
     /// The motions.

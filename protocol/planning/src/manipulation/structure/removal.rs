@@ -45,7 +45,7 @@ pub struct Taking<'a> {
     structure: &'a Structure,
     isolation: Isolation,
     grounds: Vec<Ground<'a>>,
-    /// What was found out so far.
+    /// The cache of results, by the standing set and the bundle.
     known: BTreeMap<(Items, Items), Result<Way, Refusal<Reason>>>,
 }
 

@@ -1,4 +1,4 @@
-//! What a simulated run checks of itself, and the hashes by which two runs are compared.
+//! Audits of a simulated run, and the hashes by which two runs are compared.
 
 use super::Sim;
 use crate::director::port::DirectorPort;

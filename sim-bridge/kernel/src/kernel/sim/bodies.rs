@@ -1,5 +1,6 @@
-//! What passes between agents and the controller: bodies, orders and reports. In no time, unless orders and reports have a
-//! link of their own; from and to other hosts by a stream that is late, in order and without loss.
+//! Orders and reports between agents and the controller, and the inputs of bodies. They take no time, unless orders
+//! and reports have a link of their own; from and to other hosts they pass a stream with delay, in order and without
+//! loss.
 
 use super::module::{Process, Waiting};
 use super::{Event, Sim};
@@ -58,7 +59,7 @@ impl Stream {
     }
 }
 
-/// What has crossed from one host to another.
+/// Counts of the messages from one host to another.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Crossed {
     /// Protocol messages, as the sender counts them: what was sent, lost, doubled or damaged.
@@ -67,7 +68,7 @@ pub struct Crossed {
     pub body_messages: u64,
 }
 
-/// What has crossed between hosts, by sender and receiver.
+/// Counts of the messages between hosts, by sender and receiver.
 pub type Crossings = BTreeMap<(HostId, HostId), Crossed>;
 
 /// The streams between the controller and the other hosts, and the counts of what crosses.
@@ -104,7 +105,7 @@ impl HostStreams {
     }
 }
 
-/// What passed between the controller and the agents.
+/// Counts of the messages between the controller and the agents.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ControlCounts {
     /// Orders to living agents.
@@ -154,7 +155,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         if self.hosts.is_none() && self.controller.is_none() {
             return self.hand_over(id, message);
         }
-        // What is meant for a dead process goes nowhere.
+        // A message for a dead process is dropped.
         if !module.is_alive() {
             return;
         }

@@ -10,7 +10,7 @@ use metamorph_core::counters::Class;
 use metamorph_core::digest::Portable;
 use std::hash::Hash;
 
-/// What a metamodule has announced.
+/// The path that a metamodule has announced.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Announcement {
     path: Option<Path>,

@@ -19,7 +19,7 @@ const STANDS_STILL: u64 = 8;
 /// The number of extra moves of detour that a metamodule accepts once it has waited for longer than `patience`.
 const DETOUR: usize = 3;
 
-/// What a claimant may do on its way now.
+/// Permissions of a claimant for its next segment.
 #[derive(Clone, Copy)]
 struct Permission {
     /// End a move in the zone around the goal, where it may be in the way of what is built.

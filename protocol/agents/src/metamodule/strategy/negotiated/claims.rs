@@ -25,7 +25,7 @@ const SHARED: usize = 32;
 /// How long a seed counts as unreachable if the fixed cells do not change, in multiples of `patience`.
 const UNREACHABLE_FOR: u64 = 4;
 
-/// What a metamodule has claimed, and what it knows of seeds.
+/// The claim of a metamodule, and its knowledge about seeds.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Claims {
     /// The seed it is on its way to.

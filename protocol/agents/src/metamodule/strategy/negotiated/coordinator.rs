@@ -43,7 +43,7 @@ const FOLLOWED: u64 = 3;
 /// The largest number of doublings of the time until it coordinates again, after it has done so in vain.
 const MOST_DOUBLED: u8 = 4;
 
-/// What a metamodule coordinates, and which coordinator it follows.
+/// State of coordination: the plan that a metamodule coordinates, and the coordinator that it follows.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Default)]
 pub(super) struct Coordinator {
     /// The arrangement of all in range, and since when it has been the same.
@@ -56,9 +56,9 @@ pub(super) struct Coordinator {
     times_in_vain: u8,
     filled: SeedSet,
     stage: Stage,
-    /// What it has ordered, to be repeated.
+    /// Its current directive, which it repeats.
     said: Option<Directive>,
-    /// What it has been ordered, and until when it follows.
+    /// The directive that it follows, and until when.
     heard: Option<(Directive, Time)>,
     /// The operator has answered that it is to go on.
     is_answered: bool,
@@ -129,7 +129,7 @@ impl Coordinator {
                 Some(self.begin(cx))
             }
             Stage::Asking { about, until } => {
-                // What has changed meanwhile may have helped.
+                // A change in the meantime may have resolved the standstill.
                 if arrangement(scene) != about || self.due(scene, filled_since) == Time::NEVER {
                     self.stop(cx);
                     return None;

@@ -1,4 +1,4 @@
-//! What stands around a metamodule, as `negotiated` sees it, and where it blocks others.
+//! Surroundings of a metamodule, as `negotiated` sees them, and the places where it blocks others.
 
 use crate::metamodule::blueprint::{Seed, SeedSet};
 use crate::metamodule::message::{Claim, Path};
@@ -22,7 +22,7 @@ pub(super) struct Other {
     pub path: Option<Path>,
 }
 
-/// What is around. It stays as it is during one look.
+/// Surroundings of a metamodule, unchanged during one decision.
 pub(super) struct Scene<'a> {
     pub v: View<'a>,
     /// Cells of what does not move: the built, the dead, the stuck, obstacles.

@@ -152,7 +152,7 @@ fn route_aside(scene: &Scene<'_>, rank: Rank) -> Option<Route> {
     let (motions, pose) = (v.motions(), v.own.pose);
     let is_clear = |pose: Pose| corridor.is_clear_of(&motions.cells(pose));
     let is_non_blocking = |pose: Pose| is_clear(pose) && scene.is_non_blocking(pose);
-    // What a leg sweeps is one way of many to its end: a body that is out of all ends may be got past.
+    // A segment sweeps the cells of one route of many to its end. A body that is clear of all ends may be avoided.
     let ends = scene.ends_of_ways(rank);
     let is_past = |pose: Pose| !motions.cells(pose).iter().any(|cell| ends.contains(cell));
     let past = |ground: &Ground<'_>| ground.aside(pose, is_past).filter(|route| !route.is_over());
