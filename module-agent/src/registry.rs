@@ -42,7 +42,7 @@ impl Family {
     /// Runs one agent of this family until its controller stops it or is gone.
     ///
     /// # Errors
-    /// If the agent cannot start or go on, for example because its controller is gone.
+    /// If the agent cannot start or continue, for example because its controller is gone.
     pub fn run(self, args: &AgentArgs) -> Result<(), AgentError> {
         match self {
             Family::Cube => run::<Cube>(args),

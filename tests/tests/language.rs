@@ -112,7 +112,7 @@ const LAST_WORDS: [&str; 34] = [
 ];
 
 /// Words of documentation that say a unit or a quantity.
-const QUANTITIES: [&str; 40] = [
+const QUANTITIES: [&str; 42] = [
     "number",
     "time",
     "seconds",
@@ -153,6 +153,8 @@ const QUANTITIES: [&str; 40] = [
     "torque",
     "friction",
     "angle",
+    "mass",
+    "acceleration",
 ];
 
 fn is_number(kind: &str, line: &str) -> bool {
@@ -174,7 +176,7 @@ fn says_quantity(name: &str, documentation: &str) -> bool {
 
 /// Finds the cases of all rules but [`Rule::TypeName`] in a source, without its tests.
 fn cases(text: &str, banned: &BTreeSet<String>) -> Vec<(Rule, String)> {
-    let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
+    let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
     let (mut found, mut documentation, mut before) = (Vec::new(), String::new(), "");
     for line in code.lines() {
         let trimmed = line.trim_start();
@@ -249,7 +251,7 @@ fn all_cases() -> Vec<Case> {
             for (rule, what) in cases(&text, &banned).into_iter().chain(of_name) {
                 found.push(Case { rule, folder: folder.clone(), place: format!("{name}: {what}") });
             }
-            let code = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
+            let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
             for line in code.lines().filter(|line| line.starts_with("pub ")) {
                 if let Some((_, name_of_type)) =
                     definition(line).filter(|(kind, _)| ["struct", "enum", "trait"].contains(kind))

@@ -196,7 +196,7 @@ mod tests {
         }
     }
 
-    /// A reader that looks at every moment reads whole pages only.
+    /// A reader that examines every moment reads whole pages only.
     #[test]
     fn readers_never_see_half_of_a_page() {
         let dir = tempfile::tempdir().unwrap();

@@ -5,7 +5,7 @@
 //! takes the place of the previous check sum. Every file names its run, and no frame fits into another file.
 //!
 //! A killed writer leaves at most one torn frame, at the end; readers cut it off and report it. Any other
-//! difference from what was written is an error (`damage`). A writer that fails stops for good and counts the
+//! difference from what was written is an error (`damage`). A writer that fails stops permanently and counts the
 //! lost records, because a journal with a gap cannot be replayed. Not here: the kinds of records, and joining
 //! the files of one run.
 
@@ -146,7 +146,7 @@ pub fn agent_of(name: &str) -> Option<(ModuleId, Incarnation)> {
     Some((ModuleId(id.parse().ok()?), Incarnation(incarnation.parse().ok()?)))
 }
 
-/// The end of the whole frames of a file, from which a writer can go on.
+/// The end of the whole frames of a file, from which a writer can continue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct End {
     /// Its offset in bytes.

@@ -30,9 +30,9 @@ use metamorph_protocol::wire::Channel;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The longest wait of an agent that does not watch its controller.
+/// The longest time that an agent waits if it does not watch its controller.
 const LONGEST_WAIT: Duration = Duration::from_secs(2);
-/// The wait before frames that did not fit into the controller's inbox are sent again.
+/// The time after which frames that did not fit into the controller's inbox are sent again.
 const UPLINK_RETRY: Duration = Duration::from_millis(5);
 /// Number of frames taken from the inbox before anything is sent.
 pub(super) const DRAIN: usize = 512;
@@ -150,7 +150,7 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
     /// Runs the agent until the controller ends it.
     ///
     /// # Errors
-    /// If the agent cannot go on, for example because its controller is gone.
+    /// If the agent cannot continue, for example because its controller is gone.
     pub fn run(mut self) -> Result<(), AgentError> {
         loop {
             match self.turn()? {

@@ -20,7 +20,7 @@ pub enum ControllerState {
     Alive,
     /// It is gone, and another may take over.
     Missing,
-    /// It is gone for good.
+    /// It is gone permanently.
     Gone,
 }
 
@@ -30,7 +30,7 @@ pub struct OrphanWatch {
     root: PathBuf,
     lease: ControllerLease,
     guard: Guard,
-    /// How long to go on without a controller (ns of real time).
+    /// How long to continue without a controller (ns of real time).
     timeout: u64,
     /// Since when the controller has been missing.
     orphaned: Option<u64>,

@@ -31,7 +31,7 @@ pub enum RuntimeMessage<P> {
         /// Its process id.
         pid: u32,
     },
-    /// The run begins, or goes on for a restarted agent.
+    /// The run begins, or continues for a restarted agent.
     Begin {
         /// The place of the body; at most 95 bytes on the wire.
         place: P,

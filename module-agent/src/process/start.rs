@@ -80,7 +80,7 @@ pub fn pid_file(root: &Path, id: ModuleId, incarnation: Incarnation) -> PathBuf 
 /// then exits with success, and any other exit code counts as a crash.
 ///
 /// # Errors
-/// If the agent cannot start or go on.
+/// If the agent cannot start or continue.
 pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
     prepare_process(args.verbose);
     let swarm: SwarmFile<A::Setup> = SwarmFile::read(&args.root)?;

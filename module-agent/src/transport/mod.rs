@@ -79,14 +79,14 @@ pub trait Transport {
     /// Takes the next frame out of the inbox, unchecked; `None` if the inbox is empty.
     ///
     /// # Errors
-    /// If the inbox has failed for good.
+    /// If the inbox has failed permanently.
     fn receive(&mut self) -> Result<Option<SharedFrame>, TransportError>;
 
     /// Blocks until a sender flushes or `timeout` has passed. Returns at once if a sender has flushed
     /// since the last call. May also return early, without a flush.
     ///
     /// # Errors
-    /// If the inbox has failed for good.
+    /// If the inbox has failed permanently.
     fn wait(&mut self, timeout: Duration) -> Result<(), TransportError>;
 }
 
@@ -117,7 +117,7 @@ pub enum ConnectError {
     Failed(Box<dyn Error + Send + Sync>),
 }
 
-/// Errors of an inbox that has failed for good.
+/// Errors of an inbox that has failed permanently.
 #[derive(Debug, Error)]
 pub enum TransportError {
     /// Frames cannot be read.

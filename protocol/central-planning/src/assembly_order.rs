@@ -10,7 +10,7 @@ use metamorph_agents::metamodule::motions::Motions;
 use metamorph_agents::metamodule::planning::is_away;
 use metamorph_core::lattice::Cell;
 
-/// Connectors of free floor on each side of the goal: more than a body needs to get away.
+/// Width of the free floor on each side of the goal, in connectors: more than a body needs to leave.
 const MARGIN: i16 = 8;
 
 /// A part that cannot leave.

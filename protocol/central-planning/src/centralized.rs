@@ -31,7 +31,7 @@ pub const BRANCHES: usize = 64;
 const SEARCHES: usize = 3;
 /// Largest number of choices tried for one fill.
 const CHOICES: usize = 3;
-/// Work of one search for a route, in units of the cooperative search.
+/// Work of one search for a route: a number of placements examined, as the cooperative search counts them.
 const ROUTE_WORK: usize = 2_000;
 /// Added cost, in moves, of assigning a body to a seed that is not open yet when there are no more bodies than seeds.
 const LATER: i64 = 1 << 20;
@@ -47,7 +47,7 @@ pub struct PlannedMove {
     pub from: Pose,
     /// The posture after the turns.
     pub posture: u16,
-    /// True if the free end then connects to the floor and the other end lets go.
+    /// True if the free end then connects to the floor and the other end detaches.
     pub lands: bool,
     /// The seed that the body fills by this move.
     pub fills: Option<u8>,

@@ -39,7 +39,7 @@ pub enum TransportAction {
     Turn(u16),
     /// It turns to a posture and lands.
     Land(u16),
-    /// It grips the element, or lets it go.
+    /// It grips the element, or releases it.
     Handle(Load),
 }
 
@@ -95,7 +95,7 @@ pub struct Transport<'a> {
     pub refutations: Refutations,
 }
 
-/// The most scenes that are kept.
+/// Largest number of scenes that are kept.
 const MAX_SCENES: usize = 32;
 
 /// The graphs of floors for elements, made when they are first needed. Clones share them, so that the runs of a sweep, which
@@ -229,7 +229,7 @@ fn planned(at: &Standstill, transport: &Transport<'_>, scenes: &Scenes, means: M
     }
 }
 
-/// Returns the part of a large floor that is looked at: around the element, its goal, and the free metamodules.
+/// Returns the part of a large floor that is examined: around the element, its goal, and the free metamodules.
 fn window(at: &Standstill, transport: &Transport<'_>) -> Option<[RangeInclusive<i16>; 2]> {
     if at.setup.floor.connectors() <= WHOLE_FLOOR {
         return None;

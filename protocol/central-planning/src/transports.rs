@@ -20,9 +20,9 @@ use std::collections::{BTreeMap, BTreeSet};
 const WHOLE_SWARM: usize = 6;
 /// The most metamodules that are looked at at a time in larger swarms: the holders, then the nearest.
 const MAX_BODIES: usize = 4;
-/// The edges that are taken out in a search that does not look at the whole swarm. One that is not looked at may be in the way
-/// wherever the others stand. In a swarm of 200 with 50 cubes on 100 x 60 connectors 36
-/// plans take none, and 13 at most 18.
+/// The edges that are taken out in a search that does not examine the whole swarm. One that is not examined may be in
+/// the way wherever the others stand. In a swarm of 200 with 50 cubes on 100 x 60 connectors 36 plans take none, and
+/// 13 at most 18.
 const OF_PART: Refutations = Refutations { exact: 10, most: 40 };
 
 /// An element as it is now.
@@ -85,7 +85,7 @@ pub fn plan_transports(
     let is_left = |e: &&usize| {
         elements.get(**e).is_some_and(|element| {
             let is_held = !element.holders.is_empty() || element.is_pinned;
-            // One that lies at its goal in the end is let go there.
+            // One that lies at its goal in the end is released there.
             let is_to_be_let_go = is_held && at.setup.elements.lies(**e, at.task.goal);
             is_to_be_let_go || !is_at_goal(&at.setup, at.task.goal, **e, &element.cells)
         })
@@ -116,7 +116,7 @@ impl Schedule {
             return self.found.failed.push((element, None));
         }
         let holders = self.elements[element].holders.clone();
-        // Of several holders one keeps the element, and the others let go.
+        // Of several holders one keeps the element, and the others release it.
         let candidates: Vec<Option<usize>> = match holders.as_slice() {
             [] => vec![None],
             holders => holders.iter().copied().map(Some).collect(),

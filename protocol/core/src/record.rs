@@ -138,7 +138,7 @@ pub enum Event {
         /// The module.
         id: ModuleId,
     },
-    /// Director, input: it looks at the world and decides.
+    /// Director, input: it examines the world and decides.
     Wake,
     /// Director, input: anything else that it has to take into account.
     Input {
@@ -164,7 +164,7 @@ pub enum Event {
     },
     /// Driver: a controller has taken over the run.
     Resumed,
-    /// Driver: the records of one owner end here although the owner went on, because its file was torn or its disk
+    /// Driver: the records of one owner end here although the owner continued, because its file was torn or its disk
     /// was full. Its later events are missing, and what follows from them cannot be checked.
     Torn,
     /// Director, input: a process was killed, stopped or continued from outside the run.

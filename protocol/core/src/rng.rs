@@ -16,7 +16,7 @@ pub struct Rng {
 
 impl Rng {
     /// Returns the stream number `index` of `source` in the run of `seed`.
-    // Inlined into a loop that draws many streams, its chain of mixing keeps the vectorizer of LLVM 22 busy for ever.
+    // Inlined into a loop that draws many streams, its chain of mixing keeps the vectorizer of LLVM 22 busy forever.
     #[inline(never)]
     pub fn named(seed: u64, source: &str, index: u64) -> Rng {
         let mut state = mix(seed ^ 0x9E37_79B9_7F4A_7C15);

@@ -19,9 +19,9 @@ pub struct Time(pub u64);
 pub struct Span(pub u64);
 
 impl Time {
-    /// The start of the run.
+    /// The time at which a run starts.
     pub const ZERO: Time = Time(0);
-    /// Later than every instant of a run.
+    /// A time later than every instant of a run.
     pub const NEVER: Time = Time(u64::MAX);
 
     /// Returns the time since `earlier`, zero if `earlier` is later.
@@ -36,7 +36,7 @@ impl Time {
 }
 
 impl Span {
-    /// A duration of zero.
+    /// A span of zero time.
     pub const ZERO: Span = Span(0);
 
     /// Returns a duration of `n` nanoseconds.

@@ -18,9 +18,9 @@ use metamorph_core::goal::Growth;
 use metamorph_core::lattice::Face;
 use metamorph_core::time::{Span, Time};
 
-/// Added to `via` for an offer of another face of the same module.
+/// Number added to `via` for an offer of another face of the same module.
 pub(super) const OWN: u8 = 6;
-/// Added to `via` for an offer of a module one further out, which touches the same cell.
+/// Number added to `via` for an offer of a module one further out, which touches the same cell.
 pub(super) const SAME_CELL: u8 = 12;
 /// The number of rounds after which the values of a module's faces no longer change: within one computation distances
 /// only fall, and a path over one module passes each of its six faces at most once.
@@ -52,7 +52,7 @@ pub(super) struct Attraction {
     unfilled_since: [Option<Time>; 6],
     /// True if something that the field follows from may have changed.
     stale: bool,
-    /// Faces whose value has to be chosen anew; the others would come out the same (see [`Self::tend`]).
+    /// Faces whose value has to be chosen again; the others would come out the same (see [`Self::tend`]).
     dirty: u8,
     /// The masks of open faces and of supports when the field was last computed.
     seen: (u8, u8),
@@ -71,7 +71,7 @@ pub(super) struct Tended {
     pub wanted: u8,
 }
 
-/// All six faces.
+/// The bits of all six faces.
 pub(super) const ALL_FACES: u8 = 0b11_1111;
 
 /// Returns the four faces at right angles to a face.

@@ -1,4 +1,4 @@
-//! Calls of the world-controller to one cube: a way over the surface, to a place from which the swarm can go on. The
+//! Calls of the world-controller to one cube: a way over the surface, to a place from which the swarm can continue. The
 //! attraction field ends at dead modules, since they pass no distances on; a called module walks past them.
 //!
 //! A call replaces only the choice of the motion. A module in reserve leaves only if it may, and every motion needs the

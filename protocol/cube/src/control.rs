@@ -15,7 +15,7 @@ use metamorph_core::{fields, messages};
 pub enum Order {
     /// Work for this goal from now on.
     Goal(Opening),
-    /// The module at this contact is certified dead: its process has been stopped for good, it is not merely
+    /// The module at this contact is certified dead: its process has been stopped permanently, it is not merely
     /// silent.
     Condemn {
         /// The port of the contact.
@@ -24,7 +24,7 @@ pub enum Order {
         session: Session,
         /// The latest epoch that it can have worked in.
         epoch: Epoch,
-        /// True if it was finalized in that epoch: it stays for good, and so does all that it hangs on.
+        /// True if it was finalized in that epoch: it stays permanently, and so does all that it hangs on.
         finalized: bool,
         /// The time after which it did nothing more. It names the death: no two deaths have the same.
         died: Time,

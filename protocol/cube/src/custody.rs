@@ -6,7 +6,7 @@
 //! that hears of a better holder than itself may leave. The order of holders depends on cells and the goal
 //! alone, so all modules order them alike, also after a restart.
 //!
-//! *No circle.* The rank of a holder is better than any rank that the dead module has told, because the holder's
+//! *No circle.* The rank of a holder is better than any rank that the dead module has announced, because the holder's
 //! path was confirmed after the death, and ranks never get worse. So the holder's path does not lead over the dead
 //! module, and never will. That the dead module is registered as a child does not prove this: the registration may
 //! be out of date.
@@ -41,7 +41,7 @@ struct Death {
     /// The best other holder that was announced for the present goal.
     other: Option<CustodyKey>,
     /// True if a finalized module was announced as a holder for the present goal. It never leaves, so the dead module
-    /// stays connected for good.
+    /// stays connected permanently.
     is_fixed: bool,
 }
 
@@ -269,7 +269,7 @@ mod tests {
             self.speaks(PARENT, rank, |b| b.ack = Some(token));
             assert_eq!(self.cube.parent(), Some(PARENT));
         }
-        /// Confirms the parent's path anew, later than the death.
+        /// Confirms the parent's path again, later than the death.
         fn confirm(&mut self) {
             self.speaks(PARENT, Rank { rooted: DIED + Span(1), label: 3 }, |_| {});
         }

@@ -34,7 +34,7 @@ pub(super) struct SearchState {
     part: [u8; 7],
     /// Faces with a neighbour that must stay connected.
     nodes: u8,
-    /// Those of them with a dead neighbour that is not known to be connected with the finalized modules for good.
+    /// Those of them with a dead neighbour that is not known to be connected with the finalized modules permanently.
     dead: u8,
     depth: usize,
     /// The routes to be locked. They are locked only when all are found: a module that searches for long
@@ -124,8 +124,8 @@ impl Cube {
         connected
     }
 
-    /// Returns true if the neighbour on a face is dead and connected with the finalized modules for good: it was one of them, or
-    /// touches one.
+    /// Returns true if the neighbour on a face is dead and connected with the finalized modules permanently: it was
+    /// one of them, or touches one.
     fn is_dead_root(&self, v: View<'_>, face: Face) -> bool {
         v.died_finalized(face) || self.forest.custody().is_fixed(face)
     }

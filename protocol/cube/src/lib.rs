@@ -111,7 +111,7 @@ pub struct Cube {
     wanted: u8,
     /// Faces with a live neighbour that is finalized for the same goal; computed in every step.
     finals: u8,
-    /// Faces outside which a goal cell is filled for good, by a live finalized module or by a dead one; computed in
+    /// Faces outside which a goal cell is filled permanently, by a live finalized module or by a dead one; computed in
     /// every step.
     filled: u8,
     wake: Time,
@@ -206,6 +206,7 @@ impl Agent for Cube {
     type Order = Order;
     type Report = Status;
 
+    /// The number of ports: one for each face.
     const PORTS: usize = 6;
 
     fn new(setup: &Arc<Setup>, birth: Birth<Cell>, now: Time) -> Cube {

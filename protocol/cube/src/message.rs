@@ -19,7 +19,7 @@ pub enum Role {
     Reserve = 0,
     /// Walks over the surface, carried by one support.
     Walker = 1,
-    /// Finalized: fills a goal cell for good.
+    /// Finalized: fills a goal cell permanently.
     Final = 2,
 }
 
@@ -126,7 +126,7 @@ pub struct Beacon {
     pub immobile: bool,
     /// True if the receiver supports the sender, a walker, or made it finalized.
     pub supported_here: bool,
-    /// True if the sender wants the receiver's cell filled, for good.
+    /// True if the sender wants the receiver's cell filled, permanently.
     pub wants_you: bool,
     /// True if the sender has restarted and grants nothing yet.
     pub quarantined: bool,
@@ -138,8 +138,8 @@ pub struct Beacon {
     pub supports: u8,
     /// Faces behind which the sender knows finalized modules.
     pub finals: u8,
-    /// Faces outside which the sender knows goal cells that are filled for good: those of [`Beacon::finals`], and goal
-    /// cells with a dead module.
+    /// Faces outside which the sender knows goal cells that are filled permanently: those of [`Beacon::finals`], and
+    /// goal cells with a dead module.
     pub filled: u8,
     /// The sender's place in the parent forest.
     pub rank: Rank,
@@ -160,7 +160,7 @@ pub struct Beacon {
 }
 
 impl Beacon {
-    /// The value of [`Beacon::final_hops`] for a module that cannot have been finalized before.
+    /// The number of hops in [`Beacon::final_hops`] of a module that cannot have been finalized before.
     pub const NO_FINAL: u8 = u8::MAX;
 
     /// Returns true if another beacon is the same except for the distances and the sequence number.

@@ -22,7 +22,7 @@ use metamorph_core::time::Time;
 
 /// Number of decisions for which a module waits for its outer neighbours to leave first.
 const OUTERMOST_FIRST: u16 = 6;
-/// The same with connecting cycles.
+/// The same number with connecting cycles.
 const OUTERMOST_FIRST_IN_CYCLES: u16 = 200;
 /// Number of deferrals up to which a module accepts no detour; after that, it accepts a detour of one move.
 const DETOUR: u16 = 12;
@@ -414,7 +414,7 @@ impl Cube {
             self.arrive(now, cell);
         }
         // A restarted module hears of a move that its earlier incarnation began: it has been carried
-        // elsewhere, and goes on listening there.
+        // elsewhere, and continues listening there.
         let Some(attempt) = attempt else { return hit(CoveragePoint::CubeCarriedOn) };
         match percept {
             Percept::Arrived(_) => {

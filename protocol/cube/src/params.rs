@@ -8,9 +8,9 @@ use metamorph_core::ratio::Ratio;
 use metamorph_core::time::Span;
 use serde::{Deserialize, Serialize};
 
-/// The fixed part of a back-off, in ticks ([`Params::tick`]).
+/// The fixed part of the time of a back-off, in ticks ([`Params::tick`]).
 pub(super) const BACK_OFF: u64 = 6;
-/// The bound of the random part of a back-off, in ticks; it doubles with every failure in a row.
+/// The bound of the random part of the time of a back-off, in ticks; it doubles with every failure in a row.
 pub(super) const BACK_OFF_SPREAD: u64 = 8;
 /// The largest number of times that [`BACK_OFF_SPREAD`] doubles.
 pub(super) const MOST_DOUBLED: u8 = 4;

@@ -27,7 +27,7 @@ use metamorph_core::ids::{ModuleId, Token};
 use metamorph_core::lattice::Face;
 use metamorph_core::time::{Span, Time};
 
-/// The label of a module without a parent.
+/// The number that labels a module without a parent.
 pub(super) const UNLABELLED: u16 = u16::MAX;
 /// The rank of a module that has never had a parent: any module qualifies as its parent.
 const UNRANKED: Rank = Rank { rooted: Time::ZERO, label: UNLABELLED };
@@ -53,9 +53,9 @@ impl Tokens {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Effect {
     None,
-    /// Neighbours have to be told.
+    /// Neighbours have to be informed.
     Tell,
-    /// Neighbours have to be told, and a decision may come out differently.
+    /// Neighbours have to be informed, and a decision may come out differently.
     TellAndDecide,
 }
 
@@ -250,13 +250,13 @@ impl ParentForest {
             })
     }
 
-    /// Returns the rank that the neighbours are told.
+    /// Returns the rank announced to the neighbours.
     pub fn told_rank(&self, v: View<'_>) -> Rank {
         let is_lost = v.own.connectivity() == Connectivity::Forest && !self.is_attached(v);
         if is_lost { Rank { label: UNLABELLED, ..self.rank } } else { self.rank }
     }
 
-    /// Returns the claim that a neighbour is told.
+    /// Returns the claim announced to a neighbour.
     pub fn claim(&self, v: View<'_>, face: Face) -> Claim {
         match (v.own.connectivity(), v.own.role) {
             (_, Role::Final) | (Connectivity::Cycles, _) | (Connectivity::Gradient, Role::Walker) => {
@@ -293,7 +293,7 @@ impl ParentForest {
     }
 
     /// Returns the face of a dead neighbour that was finalized or is held by a finalized module, preferably the parent.
-    /// Such a neighbour stays connected with the finalized modules for good.
+    /// Such a neighbour stays connected with the finalized modules permanently.
     fn dead_root(&self, v: View<'_>) -> Option<Face> {
         if v.sides.certified_mask() == 0 && self.custody.is_empty() {
             return None;
@@ -363,7 +363,7 @@ impl ParentForest {
         }
     }
 
-    /// Confirms this module's path anew if asked to. The module is finalized, or its parent is the dead neighbour that
+    /// Confirms this module's path again if asked to. The module is finalized, or its parent is the dead neighbour that
     /// `dead_root` returned.
     fn renew_root(&mut self, v: View<'_>) -> bool {
         let asked = self.asked(v, None);
@@ -418,7 +418,7 @@ impl ParentForest {
 
     /// Returns true if the neighbour that sent `b` is worth having as parent: it leads to a lower label, any parent is
     /// better than the present one, or it is steadier. A module that may have been finalized before its restart
-    /// stays for good, so its parent should be one that stays as well.
+    /// stays permanently, so its parent should be one that stays as well.
     fn is_worth_it(&self, v: View<'_>, b: &Beacon, needs_parent: bool) -> bool {
         let stays = |f: Face| v.peer(f).is_none_or(|p| p.final_hops != Beacon::NO_FINAL);
         let is_steadier =
@@ -470,7 +470,7 @@ impl ParentForest {
             .filter(|b| b.epoch == v.own.epoch && b.attached)
             .map(|b| b.rank.label)
             .min();
-        // Without a bound the labels of a part that has lost its source would count up for ever.
+        // Without a bound the labels of a part that has lost its source would count up forever.
         let label =
             least.map(|l| l.saturating_add(1)).filter(|l| *l < v.params().range).unwrap_or(UNLABELLED);
         let label = if v.own.role == Role::Reserve { label } else { UNLABELLED };

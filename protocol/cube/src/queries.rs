@@ -139,7 +139,7 @@ impl Cube {
     pub fn is_listening(&self, now: Time) -> bool {
         self.own.is_quarantined(now)
     }
-    /// Returns true if the module may have been finalized before it restarted: then it stays for good.
+    /// Returns true if the module may have been finalized before it restarted: then it stays permanently.
     pub fn may_be_final(&self, now: Time) -> bool {
         self.view(now).may_be_final()
     }

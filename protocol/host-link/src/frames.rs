@@ -5,7 +5,7 @@ use metamorph_core::counters::Class;
 use metamorph_core::wire::Frame;
 use std::collections::VecDeque;
 
-/// The most frames under way.
+/// The largest number of frames under way.
 pub const FRAME_WINDOW: usize = 4_096;
 /// The most bytes of frames under way.
 pub const BYTE_WINDOW: usize = 512 << 10;
@@ -27,7 +27,7 @@ pub struct FrameCounts {
     pub overflowed: PerClass,
     /// Not sent because there was no other end.
     pub expired: PerClass,
-    /// Under way when the other end was gone for good; perhaps taken.
+    /// Under way when the other end was gone permanently; perhaps taken.
     pub unaccounted: PerClass,
     /// Under way.
     pub open: PerClass,
@@ -104,7 +104,7 @@ impl FrameSender {
         true
     }
 
-    /// Books what is under way as unaccounted, because the other end is gone for good.
+    /// Books what is under way as unaccounted, because the other end is gone permanently.
     pub fn give_up(&mut self, counts: &mut FrameCounts) {
         for (class, _) in self.under_way.drain(..) {
             counts.open[class.index()] -= 1;

@@ -3,7 +3,7 @@
 //!
 //! A link carries *frames* between modules (at most once, in order, never sent again, losses counted by class) and two
 //! *streams* of bytes (in order and without loss as long as both daemons live). A daemon that restarts has another life
-//! ([`Life`]): the link to the earlier life has ended for good, and nothing of it is taken into the next.
+//! ([`Life`]): the link to the earlier life has ended permanently, and nothing of it is taken into the next.
 //!
 //! - [`packet`]: the layout. `frames`, `streams`: the two services. `clock_interval`: how far the clocks differ.
 //!

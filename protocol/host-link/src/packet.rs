@@ -35,7 +35,7 @@ use thiserror::Error;
 pub const VERSION: u16 = 1;
 /// The largest packet in bytes: carriers need not split it.
 pub const MAX_PACKET: usize = 60_000;
-/// The place of the kind in a packet: carriers may give kinds different urgency.
+/// The place of the kind in a packet, as a number of bytes from its start: carriers may give kinds different urgency.
 pub const KIND_AT: usize = 6;
 /// The length of the header of a packet in bytes.
 pub const HEADER: usize = 39;
@@ -475,7 +475,7 @@ mod tests {
             prop_assert_eq!(Packet::decode(&packet.encode()), Ok(packet));
         }
 
-        /// One changed byte is noticed, wherever it is; and so is a packet that ends early or goes on.
+        /// One changed byte is noticed, wherever it is; and so is a packet that ends early or continues.
         #[test]
         fn damage_is_noticed(content in contents(), at in any::<prop::sample::Index>(), change in 1u8..) {
             let mut bytes = packet(content).encode();

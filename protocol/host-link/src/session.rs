@@ -9,7 +9,7 @@ use metamorph_core::defects::HostLinkDefect;
 use metamorph_core::time::{Span, Time};
 use metamorph_core::wire::Frame;
 
-/// An acknowledgement is sent at once after this many packets.
+/// Number of packets after which an acknowledgement is sent at once.
 const PACKETS_PER_ACK: u32 = 64;
 /// The largest number of a frame; no run sends as many.
 const MAX_NUMBER: u64 = 1 << 62;

@@ -32,8 +32,8 @@ struct Search<'a, const N: usize> {
     going: Going<'a>,
 }
 
-/// Searches for a cover of `cells` cells. `limit` is the number of choices that it tries, and `going` is asked before each
-/// whether to go on.
+/// Searches for a cover of `cells` cells. `limit` is the number of choices that it tries, and `going` is asked before
+/// each whether to continue.
 pub fn cover<const N: usize>(cells: usize, pieces: &[[u32; N]], limit: u64, going: Going<'_>) -> Cover {
     let mut of = vec![Vec::new(); cells];
     for (i, piece) in pieces.iter().enumerate() {

@@ -31,10 +31,10 @@ use thiserror::Error;
 /// The largest number of cells of a structure that is analysed.
 pub const MAX_CELLS: usize = 200_000;
 
-/// Is asked in the course of a long search whether to go on.
+/// Is asked in the course of a long search whether to continue.
 pub type Going<'a> = &'a dyn Fn() -> bool;
 
-/// No cell.
+/// The number that stands for no cell.
 const NONE: u32 = u32::MAX;
 
 /// Why a set of cells is not analysed.

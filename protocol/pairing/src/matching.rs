@@ -73,7 +73,7 @@ impl Matching {
             }
         }
         // A path of exchange has one even and one odd end. The marks of a pass are kept within it, so that a pass
-        // looks at every edge once; the last pass, which finds nothing, is a complete search.
+        // examines every edge once; the last pass, which finds nothing, is a complete search.
         loop {
             self.forget();
             let mut found = false;
@@ -108,9 +108,9 @@ impl Matching {
         self.marks = self.marks.map(|number| number + 1);
     }
 
-    /// Drops the marks that do not hold any more after a search from a cell that was added, or whose partner was removed: its
-    /// own, and all of searches from cells of the other colour, which may go on at that cell. Where searches from this
-    /// colour ended in vain, they still do: a path that enters there cannot leave.
+    /// Drops the marks that do not hold any more after a search from a cell that was added, or whose partner was
+    /// removed: its own, and all of searches from cells of the other colour, which may continue at that cell. Where
+    /// searches from this colour ended without success, they still do: a path that enters there cannot leave.
     fn forget_found(&mut self, around: &Surroundings, from: u32) {
         // Invariant: all cells of the queue have partners now, and those were seen.
         for even in &self.queue {

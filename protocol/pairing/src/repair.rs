@@ -18,17 +18,17 @@ use petgraph::graph::NodeIndex;
 use serde::Serialize;
 use std::collections::BTreeSet;
 
-/// Cost of an added cell.
+/// Weight of an added cell in the cost of a repair.
 pub const ADDITION: u32 = 2;
-/// Cost of a removed cell. The thesis prefers additions (C.6.4).
+/// Weight of a removed cell. The thesis prefers additions (C.6.4).
 pub const REMOVAL: u32 = 3;
-/// Cost of each symmetry of the structure that does not map the changed cell to itself.
+/// Weight of each symmetry of the structure that does not map the changed cell to itself.
 pub const BROKEN_SYMMETRY: u32 = 1;
-/// Cost of an added cell above the lowest layer with no cell below it.
+/// Weight of an added cell above the lowest layer with no cell below it, besides that of its addition.
 pub const OVERHANG: u32 = 1;
 /// The largest number of sets that the search for a symmetric repair tries.
 const MAX_TRIED: usize = 2_000;
-/// The largest number of cells that it looks at, over all sets.
+/// The largest number of cells that it examines, over all sets.
 const MAX_LOOKED_AT: usize = 2_000_000;
 
 /// A change of one cell.

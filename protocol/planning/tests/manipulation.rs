@@ -1,4 +1,4 @@
-//! Carry tables, hand-overs and strides against test vectors that were computed by another program.
+//! Carry tables, hand-overs and moves against test vectors that were computed by another program.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_core::lattice::{Cell, Face};

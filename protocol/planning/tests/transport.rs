@@ -51,7 +51,7 @@ fn check(scene: &Scene, ground: &Ground<'_>, task: &Task, plan: &Plan) {
             }
             BodyAction::Grip { .. } => {
                 assert_eq!(front(body), cube);
-                // The one that held it lets go in the next action.
+                // The one that held it releases it in the next action.
                 holder = Some(action.mover);
             }
             BodyAction::LetGo if holder == Some(action.mover) => {

@@ -33,7 +33,7 @@ pub mod torque;
 pub use error::KinematicsError;
 pub use kind::Kind;
 
-/// Edge of a cell in metres: the smaller dimension of a module (thesis table 2.1).
+/// Edge length of a cell in metres: the smaller dimension of a module (thesis table 2.1).
 pub const CELL_METRES: f64 = 0.11;
 /// Mass of a module in kilograms (thesis table 2.1).
 pub const MODULE_MASS: f64 = 1.4;

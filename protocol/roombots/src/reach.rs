@@ -77,9 +77,9 @@ impl Assumptions {
 
 /// Difference of heights, in cells, below which they are equal: the plain search ends up to 0.1 mm off.
 const SLACK: f64 = 1e-3;
-/// Scale of the bodies of a posture at rest, which may touch itself but not overlap: they are shrunk by 0.26
-/// mm only. With the 1 % allowed during a step, SRS and SRZ would have one state more, in which their rims
-/// overlap by 0.9 mm.
+/// Scale factor of the bodies of a posture at rest, which may touch itself but not overlap: they are shrunk by 0.26
+/// mm only. With the 1 % allowed during a step, SRS and SRZ would have one state more, in which their rims overlap by
+/// 0.9 mm.
 const RESTING_SHRINK: f64 = 0.998;
 /// The numbers of thesis table 2.2, in the order of [`Kind::ALL`].
 pub const PUBLISHED: [u32; 5] = [2, 19, 38, 43, 35];

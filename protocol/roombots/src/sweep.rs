@@ -351,6 +351,7 @@ pub fn near_places(turn: Turn, centre: &Vector3<f64>, radius: f64) -> Vec<Half> 
 /// Returns how deep a body enters the cell centred at `cell`: the largest d such that it meets the cell
 /// shrunk by d on every side; `None` if it is not deeper than `than`.
 pub fn entry_depth(body: &Body, cell: &Vector3<f64>, than: f64) -> Option<f64> {
+    /// Resolution of the depth, a length in cells.
     const RESOLUTION: f64 = 1e-5;
     let meets = |d: f64| overlap(body, &Cuboid { centre: *cell, half: HALF_EDGE - d });
     // The ball around the body decides most cases.

@@ -13,7 +13,7 @@ use super::chain::{Chain, hemispheres};
 use super::{CELL_METRES, HEMISPHERE_MASS, Kind, KinematicsError};
 use nalgebra::Vector3;
 
-/// Standard gravity in m/s².
+/// Standard acceleration of gravity in m/s².
 pub const GRAVITY: f64 = 9.81;
 
 /// The load of a robot.

@@ -2,14 +2,15 @@
 
 use metamorph_protocol::roombots::{CELL_METRES, HALF_EDGE, OUTER_RADIUS};
 
-/// Points on the rim of a plate.
+/// Number of points on the rim of a plate.
 const RIM: usize = 8;
-/// Points on the cut between the two hemispheres of a cube.
+/// Number of points on the cut between the two hemispheres of a cube.
 const CUT: usize = 12;
 
 /// Cosines and sines of multiples of 30 degrees from 0 to 90, which make those of all points: the same on every machine,
 /// as those of the standard library need not be.
 const HALF_ROOT_3: f64 = 0.866_025_403_784_438_6;
+/// Cosine and sine of an angle of 45 degrees.
 const HALF_ROOT_2: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 /// Returns the 40 points of a hemisphere about the centre of its cube, in metres, in its own frame: plates of a lower

@@ -34,7 +34,7 @@ pub const TORQUE: [f32; 3] = [4.9, 3.6, 4.9];
 pub const SERVO_GAIN: f32 = 10.0;
 /// Friction between plates, and between plates and floor, unless a run says otherwise.
 pub const FRICTION: f32 = 0.8;
-/// Hemispheres of a module.
+/// Number of hemispheres of a module.
 pub const HEMISPHERES: usize = 4;
 
 /// A position and a unit quaternion (x, y, z, w).

@@ -25,9 +25,10 @@ use std::hash::Hasher;
 /// The name and version of the engine, and the number of how bodies are made for it, as gait files have them. With another
 /// one, bodies move differently.
 pub const ENGINE: &str = "rapier3d 0.36.1, bodies 2";
-/// Substeps of a tick. Each computes the mass matrix of the multibody anew, which is most of the time.
+/// Substeps of a tick. Each computes the mass matrix of the multibody again, which is most of the time.
 const SUBSTEPS: usize = 1;
-/// Sweeps over all contacts and motors in a substep. With one sweep, as the engine has it, a structure at rest creeps.
+/// Number of sweeps over all contacts and motors in a substep. With one sweep, as the engine has it, a structure at
+/// rest creeps.
 const SWEEPS: usize = 16;
 /// How fast a motor reaches its speed if its torque suffices, 1/s.
 const MOTOR_DAMPING: f32 = 1e5;

@@ -228,8 +228,8 @@ mod tests {
         (snapshot, CubeWorld::new(&cells, Span::secs(1), 1), params)
     }
 
-    /// No module is called before all have reported the closed epoch, nor while another call lasts; and a plan goes on until
-    /// its last call is over, whatever breaks.
+    /// No module is called before all have reported the closed epoch, nor while another call lasts; and a plan
+    /// continues until its last call is over, whatever breaks.
     #[test]
     fn modules_are_called_one_at_a_time() {
         let (snapshot, world, params) = row();
@@ -262,7 +262,7 @@ mod tests {
         assert_eq!(until, at(3) + params.start_within());
     }
 
-    /// Plans are not made for ever, nor if no module can go.
+    /// Plans are not made forever, nor if no module can go.
     #[test]
     fn plans_are_bounded() {
         let (snapshot, world, params) = row();

@@ -1,4 +1,4 @@
-//! Decides if cubes at a standstill could have gone on: an exhaustive search over the arrangements that the
+//! Decides if cubes at a standstill could have continued: an exhaustive search over the arrangements that the
 //! broken robot can reach, up to a bound. Broken modules stay broken.
 //!
 //! Four sets of rules are tried, from those of the protocol to those of any robot. Each allows every motion
@@ -20,7 +20,7 @@ pub struct ModuleSnapshot {
     pub cell: Cell,
     /// True if its process lives.
     pub alive: bool,
-    /// True if its joints stick for good.
+    /// True if its joints stick permanently.
     pub stuck: bool,
     /// True if it is a walker: until it is finalized, no module moves over it.
     pub walker: bool,
@@ -65,7 +65,7 @@ pub struct StandstillSnapshot {
 }
 
 /// Returns the widest set of rules within which it is proved that no plan exists. If nothing is proved, returns the
-/// result of the search within the narrowest set. The search looks at no more than `bound` arrangements within the
+/// result of the search within the narrowest set. The search examines no more than `bound` arrangements within the
 /// two narrowest sets, and at far fewer within the others, which only widen the proof.
 pub fn widest_proof(snapshot: &StandstillSnapshot, bound: usize) -> Result<RuleSet, Found> {
     let mut proved = None;
@@ -139,8 +139,8 @@ impl StandstillSnapshot {
 
 /// The constant part of a search.
 struct StateSpace {
-    /// True if goal cells are filled by growth, so that one counts only if it is connected with the finalized structure, and
-    /// if modules move only over those that grant it, or stay for good.
+    /// True if goal cells are filled by growth, so that one counts only if it is connected with the finalized
+    /// structure, and if modules move only over those that grant it, or stay permanently.
     by_growth: bool,
     /// True if modules without a place in the forest leave only from the end of a branch, and none leaves from under
     /// another.

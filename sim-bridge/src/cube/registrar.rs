@@ -1,5 +1,5 @@
 //! The registrar: certifies deaths to all modules that touch a dead one, and forwards the announcement of its
-//! best holder to them, so that the others may let go. It only forwards; safety is that of the announcements.
+//! best holder to them, so that the others may detach. It only forwards; safety is that of the announcements.
 
 use crate::cube::diagnosis::Known;
 use crate::cube::world::CubeWorld;
@@ -15,12 +15,12 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 #[derive(Clone, Debug, Hash)]
 struct Death {
     died: Time,
-    /// The contacts whose module has been told of the death.
+    /// The contacts whose module has been informed of the death.
     told: BTreeSet<Session>,
     /// The epoch and the cell of the dead body that `best` is valid for; a body may come to rest after its death.
     of: (Epoch, Option<Cell>),
     best: Option<(CustodyKey, CustodyAnnouncement)>,
-    /// The contacts whose module has been told of the best holder.
+    /// The contacts whose module has been informed of the best holder.
     informed: BTreeSet<Session>,
 }
 

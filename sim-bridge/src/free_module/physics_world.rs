@@ -23,7 +23,7 @@ use std::hash::Hasher;
 
 /// The depth of an overlap of two modules in metres from which it is a self-collision.
 pub const COLLISION: f32 = 0.002;
-/// Ticks between two looks at which modules touch the floor, and at whether the structure has fallen.
+/// Ticks between two checks of which modules touch the floor, and of whether the structure has fallen.
 const CONTACT_PERIOD: u64 = 10;
 /// The time between two poses that bodies tell, if they do.
 pub const POSE_PERIOD: Span = Span::millis(100);

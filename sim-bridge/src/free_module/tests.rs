@@ -137,7 +137,7 @@ fn phases_lock_over_several_hops() {
 }
 
 /// When a module dies, the others go over to the network without its joints, and stay in lock. If it is the body of a
-/// quadruped, through which all messages pass, hips move into the limbs, which go on alone at the same frequency.
+/// quadruped, through which all messages pass, hips move into the limbs, which continue alone at the same frequency.
 #[test]
 fn the_living_stay_in_lock_when_a_module_dies() {
     for (name, dead, oscillators) in

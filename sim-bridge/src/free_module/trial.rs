@@ -22,7 +22,7 @@ pub const REST: Span = Span::secs(2);
 pub const REST_WITH_DEAD: Span = Span::secs(5);
 /// The time at which modules die that are dead in a trial: after their neighbours have heard of their connections.
 const DEATH: Span = Span::secs(1);
-/// The time between two looks at whether a trial is to be ended.
+/// The time between two checks of whether a trial is to be ended.
 const LOOK: Span = Span::millis(100);
 
 /// Parameters that all trials of a structure share.

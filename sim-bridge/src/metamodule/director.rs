@@ -107,7 +107,7 @@ impl MetamoduleDirector {
     /// Creates a director for a swarm of this many metamodules.
     pub fn new(setup: Arc<Setup>, metamodules: usize, plan: MetamodulePlan) -> MetamoduleDirector {
         let is_planned = setup.params.strategy == Strategy::Planned;
-        // An operator may help a swarm that has found out that it cannot go on.
+        // An operator may help a swarm that has found out that it cannot continue.
         let ends_when_detected = plan.follow && plan.operator.is_none();
         MetamoduleDirector {
             goal: Goal::new(&setup, plan.changes),

@@ -1,7 +1,7 @@
 //! Other places for a goal of metamodules: places that are clear of all immovable objects, what a search
 //! shows of each, and which of them have been tried.
 //!
-//! Two questions are kept apart. [`clear_places`] looks at cells only and is fast: it is used when an
+//! Two questions are kept apart. [`clear_places`] examines cells only and is fast: it is used when an
 //! immovable object appears in a seed. [`prospect`] searches for a plan to build the whole goal with the
 //! bodies at their present places: it is used at a standstill, and to prove that the goal cannot be built.
 //!
@@ -16,12 +16,13 @@ use std::rc::Rc;
 
 /// The free width around a goal that is moved, in cells, where the floor has room for it.
 const ROOM: i16 = 3;
-/// The budget of the search that proves that no seed of a place can be the first, in units of [`search`].
+/// The budget of the search that proves that no seed of a place can be the first: a number of placements examined, as
+/// [`search`] counts them.
 const WORK_FOR_THE_FIRST: usize = WORK / 20;
 /// The budget of the search for a plan for each of the other seeds, where several bodies have to move. A
 /// search beyond it leaves the prospect of a place open.
 const WORK_FOR_A_SEED: usize = WORK / 200;
-/// The largest number of places with open prospects that one survey looks at: each may use the whole budget
+/// The largest number of places with open prospects that one survey examines: each may use the whole budget
 /// of its searches.
 const MOST_OPEN: usize = 12;
 /// The largest number of tries of a place at which a search builds the whole goal. The bodies are elsewhere

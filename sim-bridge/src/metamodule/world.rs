@@ -2,9 +2,9 @@
 //!
 //! The world is the interlock: a joint turns only if all cells that the step sweeps, core and graze
 //! (`roombots::sweep`), are free of other bodies and of the steps of other bodies; an end grips only a
-//! connector of the floor; the last end does not let go. Ports are links to metamodules within communication
-//! range. Elements are held and do not fall (`elements`). Not here: bending; walls; gripping other metamodules; the torque
-//! of bodies without an element, which is within the limits in all postures.
+//! connector of the floor; the last end does not detach. Ports are links to metamodules within communication
+//! range. Elements are held and do not fall (`elements`). Not here: bending; walls; gripping other metamodules; the
+//! torque of bodies without an element, which is within the limits in all postures.
 
 mod counts;
 mod drops;

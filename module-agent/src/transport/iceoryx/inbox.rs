@@ -88,7 +88,7 @@ impl Inbox {
     /// # Errors
     /// If waiting is not possible.
     pub fn wait(&self, timeout: Duration) -> Result<(), TransportError> {
-        // The socket below counts in microseconds, and would wait for ever on zero.
+        // The socket below counts in microseconds, and would wait forever on zero.
         match self.listener.timed_wait(|_| {}, timeout.max(Duration::from_micros(1))) {
             // A signal such as SIGCONT: the caller checks its state and waits again.
             Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),

@@ -41,7 +41,7 @@ const CONTROLLER_RINGERS: usize = 20_000;
 pub const SHARD: u32 = 1_000;
 /// Shared memory that a member needs to join and to create its channels, in bytes.
 const JOINING: u64 = 64 << 10;
-/// The longest wait for another process to finish creating a service; long, for loaded machines.
+/// The longest time to wait for another process to finish creating a service; long, for loaded machines.
 const CREATION_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Errors of creating and opening a channel.

@@ -163,7 +163,7 @@ struct Tarjan {
 struct Visit {
     node: usize,
     parent: Option<usize>,
-    /// The index of the neighbour to look at next.
+    /// The index of the neighbour to examine next.
     next: usize,
 }
 

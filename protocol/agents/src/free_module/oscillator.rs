@@ -61,7 +61,7 @@ impl Sub for Phase {
     }
 }
 
-/// Parts of a quarter turn in the table of sines.
+/// Number of parts of a quarter turn in the table of sines.
 const QUARTER: usize = 1024;
 
 /// The sines of a quarter turn in 2^-30.

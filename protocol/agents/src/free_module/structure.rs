@@ -13,7 +13,7 @@ use thiserror::Error;
 
 /// The largest number of modules of a structure.
 pub const MAX_MODULES: usize = 256;
-/// Joints of a module.
+/// Number of joints of a module.
 pub const JOINTS: u16 = 3;
 
 /// A joint of a structure: `3 * module + joint`, with joint 0, 1, 2 for q1, q2, q3.

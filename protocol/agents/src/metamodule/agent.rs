@@ -25,7 +25,7 @@ use metamorph_core::time::Time;
 use std::hash::{Hash, Hasher};
 use std::sync::Arc;
 
-/// How long stuck joints rest before they are tried again, in multiples of `patience`.
+/// The time for which stuck joints rest before they are tried again, in multiples of `patience`.
 pub(super) const STUCK_FOR: u64 = 3;
 
 /// A metamodule's agent.
@@ -83,6 +83,7 @@ impl Agent for Metamodule {
     type Order = Order;
     type Report = Status;
 
+    /// The number of ports: as many as a set of ports can hold.
     const PORTS: usize = PortSet::CAPACITY;
 
     fn new(setup: &Arc<Setup>, birth: Birth<Pose>, now: Time) -> Metamodule {
@@ -266,7 +267,7 @@ impl Metamodule {
             self.phase = idle(Time::NEVER);
             self.tell(now, Class::Gradient);
         } else if self.own.pose.both {
-            // An earlier incarnation has gripped and not let go.
+            // An earlier incarnation has gripped and not released.
             hit(CoveragePoint::MetaEarlierLifeGripped);
             self.begin(now, now, Plan::let_go(self.own.pose));
         } else if v.any_unheard() {

@@ -64,7 +64,7 @@ impl Metamodule {
 }
 
 /// Returns the next motion towards a place: around all bodies as they stand, or else as far as it is free on the way
-/// that only immovable ones bar. `None` if it is there, or cannot go on now.
+/// that only immovable ones bar. `None` if it is there, or cannot continue now.
 fn next_motion(v: View<'_>, place: Seed, seed: Option<u8>) -> Option<Plan> {
     let (mut fixed, mut taken) = (v.fixed(), Vec::new());
     for (_, state) in v.neighbours.states() {

@@ -1,4 +1,4 @@
-//! Distributed deadlock detection: finds out, without a controller, that no metamodule can go on. Off unless a
+//! Distributed deadlock detection: finds out, without a controller, that no metamodule can continue. Off unless a
 //! scenario asks for it.
 //!
 //! Under a force-field strategy, a metamodule without a better place does nothing until it hears something new: it
@@ -59,7 +59,7 @@ pub(super) struct DeadlockDetector {
     waves: BTreeMap<ModuleId, Wave>,
     /// The result of its last complete wave.
     last: Option<Counted>,
-    /// True if it has found out that no metamodule can go on.
+    /// True if it has found out that no metamodule can continue.
     pub deadlocked: bool,
 }
 

@@ -17,9 +17,9 @@ use metamorph_roombots::database::Database;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// The most elements of a swarm.
+/// Largest number of elements of a swarm.
 pub const MAX_ELEMENTS: usize = 64;
-/// The most grips of an element that no metamodule in a seed holds at a goal.
+/// Largest number of grips of an element that no metamodule in a seed holds at a goal.
 const MAX_LYING_GRIPS: usize = 8;
 
 /// Why elements cannot be carried.
@@ -194,7 +194,7 @@ pub struct CarriedStep {
 }
 
 impl Setup {
-    /// Returns true if an element in these cells rests on the floor, so that it may be let go.
+    /// Returns true if an element in these cells rests on the floor, so that it may be released.
     pub fn rests(&self, cells: &[Cell]) -> bool {
         rests(cells, |c| self.floor.has(c.x, c.y))
     }

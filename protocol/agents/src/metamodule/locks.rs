@@ -235,7 +235,7 @@ mod tests {
         assert!(locks.release(b, Token(8)));
         assert_eq!((locks.over(a), locks.over(b), held(&locks)), (Token(5), Token(8), vec![]));
         assert_eq!(locks.expire(Time(30)), Time::NEVER);
-        // Death ends the grant, and late copies remain late; a new session begins anew.
+        // Death ends the grant, and late copies remain late; a new session begins again.
         locks.grant(b, grant(9, 40));
         locks.revoke(b);
         assert_eq!((locks.over(b), held(&locks)), (Token(8), vec![]));

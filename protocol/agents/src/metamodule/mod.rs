@@ -3,7 +3,7 @@
 //! A metamodule is two Roombots modules with two ends that can grip. It stands on one connector of the floor,
 //! knows its absolute position, hears others within [`params::Params::communication_range`], and learns from the
 //! world-controller (or from its neighbours) which seeds are open. It chooses a motion, asks the neighbours in
-//! range for a lock on all cells of the motion, turns its joints step by step, grips with the free end, lets go with
+//! range for a lock on all cells of the motion, turns its joints step by step, grips with the free end, detaches with
 //! the other, tells its new pose, and starts again. On an open seed's connector it takes the seed's shape and stays.
 //!
 //! An agent is made of parts, each with a state of its own. `agent` holds them together, with `inputs` for
@@ -14,7 +14,7 @@
 //! * `phase`, `plan` — what the metamodule does now, and one motion;
 //! * `strategy` — what to do next, with the state of the strategy;
 //! * `steering` — what an operator commands instead;
-//! * `detector` — finding out that no metamodule can go on;
+//! * `detector` — finding out that no metamodule can continue;
 //! * `outbox` — telling neighbours and the world-controller;
 //! * `view` — what the parts read: the module itself and the parts above, at the time of the step.
 //!

@@ -105,7 +105,8 @@ impl Motions {
     pub fn graph(&self) -> &Graph {
         &self.laid_out.graph
     }
-    /// Returns the bit of a posture in a set of landing postures ([`Graph::rest`]); zero if the posture does not land.
+    /// Returns the bit of a posture in a set of landing postures ([`MotionGraph::rest`]); zero if the posture does
+    /// not land.
     pub fn rest_bit(&self, posture: u16) -> u128 {
         self.graph().rest(posture).map_or(0, |i| 1 << i)
     }

@@ -1,4 +1,4 @@
-//! The neighbours in range: what they have told last, which of them are dead, and where obstacles are.
+//! The neighbours in range: their last announcements, which of them are dead, and where obstacles are.
 
 use super::message::State;
 use super::pose::Pose;

@@ -100,8 +100,8 @@ pub struct Repulsion {
 /// The least [`Params::communication_range`], in connectors. Motions from one foot reach at most four cells to the side,
 /// so a metamodule farther away cannot be in the way of a move, nor come into it by a move of its own.
 pub const LEAST_COMMUNICATION_RANGE: u16 = 9;
-/// The usual communication range, in connectors. The thesis's metamodules broadcast and nothing is said of a
-/// range (4.1.3); this one covers the floor that its experiments are repeated on.
+/// The usual communication range: a distance in connectors. The thesis's metamodules broadcast, and it names no range
+/// (4.1.3); this one covers the floor that its experiments are repeated on.
 pub const COMMUNICATION_RANGE: u16 = 12;
 
 /// From whom metamodules learn which seeds are filled and open.
@@ -134,7 +134,7 @@ impl Ask {
         [("never", Ask::Never), ("stuck", Ask::Stuck), ("always", Ask::Always)];
 }
 
-/// How metamodules find out that none of them can go on.
+/// How metamodules find out that none of them can continue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Detector {
     /// How long a metamodule waits before it begins a wave of questions, and the time between two of its waves.
@@ -175,14 +175,14 @@ pub struct Params {
     pub repeat: Span,
     /// The shortest wait after a lock was denied; the longest is twice as long.
     pub back_off: Span,
-    /// Whether, and how, metamodules find out among themselves that none of them can go on.
+    /// Whether, and how, metamodules find out among themselves that none of them can continue.
     pub detector: Option<Detector>,
     /// How long a metamodule waits for others to make way, or to claim a seed that falls to one of them, before it acts
     /// itself. Several other time-outs are multiples of it.
     pub patience: Span,
     /// Before which searches of all together the operator is asked (`negotiated` only).
     pub ask: Ask,
-    /// How long a metamodule waits for the answer before it goes on by itself.
+    /// How long a metamodule waits for the answer before it continues by itself.
     pub answer_within: Span,
     /// A defect for tests.
     #[doc(hidden)]

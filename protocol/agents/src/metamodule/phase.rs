@@ -11,7 +11,7 @@ use metamorph_core::ids::{Port, PortSet};
 use metamorph_core::time::{Span, Time};
 use std::hash::Hash;
 
-/// Failures in a row after which an action is given up for now.
+/// Number of failures in a row after which an action is given up for now.
 const TRIES: u8 = 5;
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -86,17 +86,17 @@ pub(super) enum Next {
     LockRunsOut,
 }
 
-/// How a motion goes on after an action has ended well.
+/// How a motion continues after an action has ended well.
 pub(super) enum Progress {
     /// A joint has turned.
     Turned,
-    /// The free end has gripped; the other one is to let go.
+    /// The free end has gripped; the other one is to detach.
     Gripped,
-    /// The other end has let go, and the move is complete.
+    /// The other end has detached, and the move is complete.
     Moved,
 }
 
-/// How a motion goes on after an action that was not carried out.
+/// How a motion continues after an action that was not carried out.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Setback {
     Retry,

@@ -60,7 +60,7 @@ impl Plan {
         (allowed && is_free()).then_some(Plan { from, steps, sweep, ends: posture, aim, non_blocking: false })
     }
 
-    /// Returns the motion that grips an element or lets it go. It sweeps no cell.
+    /// Returns the motion that grips an element or releases it. It sweeps no cell.
     pub fn handle(from: Pose, load: Load) -> Plan {
         Plan { aim: Aim::Handle(load), ..Plan::let_go(from) }
     }

@@ -37,11 +37,11 @@ pub struct Start {
 /// Largest number of starts drawn until one is complete and has no metamodule that is shut in.
 const TRIES: usize = 100;
 
-/// Draws places for `count` metamodules in an area of the floor: any connector outside the rectangle around the seeds' feet
-/// grown by one and not next to an element, at least two cells from each other along x or y, turned in any of the four ways. None
-/// is shut in: each can get away from where it starts while the others stand where they stand.
-/// (PAR has landings in front of it only: in a corner, turned to the wall, it has none at all, and two at
-/// one wall can be each other's only way out for ever.)
+/// Draws places for `count` metamodules in an area of the floor: any connector outside the rectangle around the
+/// seeds' feet grown by one and not next to an element, at least two cells from each other along x or y, turned in
+/// any of the four ways. None is shut in: each can get away from where it starts while the others stand where they
+/// stand. (PAR has landings in front of it only: in a corner, turned to the wall, it has none at all, and two at one
+/// wall can be each other's only way out forever.)
 ///
 /// # Errors
 /// If no such start was found.

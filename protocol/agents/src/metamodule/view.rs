@@ -39,7 +39,7 @@ pub(super) struct Own {
     pub quarantine_until: Time,
 }
 
-/// The part of a strategy's state that neighbours and the world-controller are told.
+/// The part of a strategy's state that is announced to neighbours and the world-controller.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Advertised {
     pub claim: Option<Claim>,
@@ -111,7 +111,7 @@ impl<'a> View<'a> {
         let mut others = neighbours.chain(self.neighbours.dead.values().copied());
         own.is_some() && others.any(|pose| self.setup.elements.of(pose.load) == own)
     }
-    /// Returns true if the element that it holds rests on the floor, so that it may be let go.
+    /// Returns true if the element that it holds rests on the floor, so that it may be released.
     pub fn element_rests(self) -> bool {
         self.setup.held(self.own.pose).is_some_and(|(_, cells)| self.setup.rests(&cells))
     }

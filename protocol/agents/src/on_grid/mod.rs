@@ -101,7 +101,7 @@ impl Standing {
 pub enum GridAction {
     /// A joint, counted from 0, turns by one step; true for the positive direction.
     Turn(u8, bool),
-    /// The free end attaches, the other one lets go.
+    /// The free end attaches, the other one detaches.
     Land,
 }
 

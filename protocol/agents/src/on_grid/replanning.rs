@@ -8,7 +8,7 @@ use metamorph_roombots::grid::GridState;
 /// Length of a landing. A turn has length 1, so that of the paths with the fewest landings the one with the fewest
 /// turns is taken.
 const LANDING: Length = 1 << 32;
-/// Postures of a single module.
+/// Number of postures of a single module.
 const POSTURES: u32 = 36;
 /// An upper bound of the distance along an axis, in cells, from the foot to a landing or a cell that a turn sweeps.
 const REACH: i16 = 3;
@@ -155,7 +155,7 @@ mod tests {
         assert!(blocked > 10 && walked > 10, "{blocked} impossible, {walked} steps");
     }
 
-    /// The reach that edits are spread to covers everything that a step looks at.
+    /// The reach that edits are spread to covers everything that a step examines.
     #[test]
     fn nothing_is_out_of_reach_of_an_edit() {
         let table = ActionTable::new();

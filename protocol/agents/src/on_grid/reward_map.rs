@@ -19,7 +19,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// Moves after which a walk by the reward map is given up.
 const MOVE_LIMIT: u32 = 100;
-/// One try in the unit of [`Terrain::expected`]: expected tries are counted in millionths.
+/// One try as a number of millionths, the unit of [`Terrain::expected`].
 pub const MILLION: u64 = 1_000_000;
 
 /// An attachment: a connector of a terrain, and the class of the attached frame, 0 to 3.

@@ -130,6 +130,7 @@ impl World {
         let full = if joint == 1 { FRAC_PI_2 } else { TAU / 3.0 } * if positive { 1.0 } else { -1.0 };
         let point = |half: [i16; 3]| Vector3::from(half.map(|h| f64::from(h) / 2.0));
         let pivot = point(robot.centres()[usize::from(joint == 2)]);
+        /// Number of samples of a turn.
         const SAMPLES: u32 = 90;
         for sample in 0..=SAMPLES {
             let turn = rotation(&axis, full * f64::from(sample) / f64::from(SAMPLES));

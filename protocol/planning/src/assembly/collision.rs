@@ -65,7 +65,7 @@ pub struct Collision {
     known: RefCell<BTreeMap<(bool, Part, Part), bool>>,
 }
 
-/// Samples of a turn: one every degree or less.
+/// Number of samples of a turn: one every degree or less.
 const SAMPLES: u32 = 120;
 
 impl Collision {

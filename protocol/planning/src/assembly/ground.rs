@@ -21,7 +21,7 @@ use thiserror::Error;
 /// The cell of the cube that is held.
 pub const HELD: Vec3 = [0; 3];
 
-/// Samples of a turn for the depth into the floor: one every 1.4° or less. The checker takes the same.
+/// Number of samples of a turn for the depth into the floor: one every 1.4° or less. The checker takes the same.
 pub const SAMPLES: u32 = 90;
 
 /// Restrictions by the ground.

@@ -1,6 +1,6 @@
 //! The kept-edges bound: a lower bound of the cost of a plan, by the connections that it keeps from beginning to end.
 //!
-//! Let K be the connections that a plan never lets go of. Every other one is detached, every join of the goal that K
+//! Let K be the connections that a plan never releases. Every other one is detached, every join of the goal that K
 //! does not cover is attached, and every module turns its joints from their present values to those of its place in
 //! the goal; a kept connection keeps the rotation between its two connectors. The bound is the least sum over all K,
 //! all places of modules in the goal and all of their 144 end poses (4 frames about the long axis, 36 postures).
@@ -21,9 +21,9 @@ use metamorph_roombots::connector::Connector;
 use std::cell::RefCell;
 use std::sync::LazyLock;
 
-/// End poses of a module whose long axis is given.
+/// Number of end poses of a module whose long axis is given.
 const POSES: usize = 144;
-/// More than any cost.
+/// A number of actions above every cost.
 const NEVER: u16 = 0x3fff;
 
 /// The end poses by direction of the long axis.

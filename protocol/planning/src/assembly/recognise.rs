@@ -56,7 +56,9 @@ pub fn mirrored(shape: &Shape) -> Shape {
 }
 
 fn metamodules(configuration: &Configuration) -> Vec<(usize, usize, Kind)> {
+    /// The number of connector C0X.
     const C0X: u8 = 0;
+    /// The number of connector C3X.
     const C3X: u8 = 7;
     let t = &**TABLES;
     let mut found = Vec::new();

@@ -27,7 +27,7 @@ pub const OFFSET: i8 = 64;
 /// The packed cell at the origin.
 const ORIGIN: i32 = (OFFSET as i32) << 14 | (OFFSET as i32) << 7 | OFFSET as i32;
 
-/// No connector.
+/// The number that stands for no connector.
 pub const NONE: u8 = u8::MAX;
 
 /// The tables.

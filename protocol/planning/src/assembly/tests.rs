@@ -167,7 +167,7 @@ pub(super) fn all_physical_actions(c: &Configuration) -> Vec<PhysicalAction> {
     actions
 }
 
-/// Returns the same configuration moved as a whole, with modules and ends named anew.
+/// Returns the same configuration moved as a whole, with modules and ends renamed.
 fn renamed(rng: &mut Rng, c: &Configuration) -> Configuration {
     let t = &**TABLES;
     let turn = rng.below(24) as u8;

@@ -4,7 +4,7 @@
 //! in one of a few [`element::Grip`]s. Whether it can move with it is a table of the postures and single steps
 //! ([`carry`]) and of the load on its joints ([`load`]); which pairs of postures pass an element on is the table
 //! of [`handover`]. [`colour`] shows what no posture of the lattice can do, [`off_lattice`] how it is done between the
-//! lattice postures, and [`stride`] repeats the torque
+//! lattice postures, and [`torque_walk`] repeats the torque
 //! experiment of thesis 5.1.4.
 //!
 //! A [`terrain`] with everything that metamodules of one kind can do on it is a [`scene`]. The planner of [`transport`]

@@ -26,7 +26,7 @@ pub type Sets = Arc<[u16]>;
 /// The most surroundings whose sets of empty postures are kept. Each takes two bytes a posture; scenes outlive runs.
 const MAX_KNOWN: usize = 4_096;
 
-/// The set of a posture that collides.
+/// The number of the set of a posture that collides.
 pub const NO_SET: u16 = u16::MAX;
 
 /// A posture whose head plate is on a connector.

@@ -3,8 +3,8 @@
 //! The nodes of the manipulation graph are the holds: foothold, grip, and set of postures of the holder. Its edges are
 //! hand-overs. A state of the search is a hold with the stands of the other metamodules; its cost counts connections,
 //! the landings of walks and the grips. The search ignores the bodies of metamodules that stand still. A plan that it
-//! finds is carried out with all bodies; an edge that cannot be is taken out, and the search begins anew. If the search
-//! ends without a plan before any edge was taken out, there is none.
+//! finds is carried out with all bodies; an edge that cannot be is taken out, and the search begins again. If the
+//! search ends without a plan before any edge was taken out, there is none.
 //!
 //! If the task allows it, the element is put down on the floor on the way and picked up again: then the places where it
 //! rests are nodes, too.
@@ -22,7 +22,7 @@ use metamorph_core::names;
 use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 use std::ops::Range;
 
-/// Expansions of one search at most.
+/// Largest number of expansions of one search.
 const MAX_EXPANSIONS: u64 = 1_000_000;
 /// Memory of one search in bytes: 256 MiB.
 const MEMORY: usize = 256 << 20;
@@ -170,7 +170,7 @@ struct Relaxed<'a> {
     carried: BTreeMap<Vec<Vec<u8>>, (Situation<'a>, Hold)>,
 }
 
-/// Situations that are kept, about.
+/// Approximate number of situations that are kept.
 const MAX_KEPT: usize = 32;
 
 /// The part of a key that says where the element is and how it is held, but not by which metamodule.

@@ -11,11 +11,11 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
-/// Pairs of postures that are tried for a hand-over, at most.
+/// Largest number of pairs of postures that are tried for a hand-over.
 const MAX_PAIRS: usize = 40;
-/// Sites that are tried for a metamodule to go away to, at most.
+/// Largest number of sites that are tried for the retreat of a metamodule.
 const MAX_SITES: usize = 6;
-/// Ways to go away that are kept of a situation, at most.
+/// Largest number of retreats that are kept of a situation.
 const MAX_KEPT: usize = 8;
 /// Least distance in cells between the feet of a metamodule that went away and the other one.
 const APART: u32 = 5;
@@ -30,7 +30,7 @@ pub enum BodyAction {
         /// The grip.
         grip: u8,
     },
-    /// Its head lets go of the element.
+    /// Its head releases the element.
     LetGo,
 }
 
@@ -260,7 +260,7 @@ impl<'a> Situation<'a> {
         Some(after)
     }
 
-    /// The metamodule grips the element, and the one that held it lets go.
+    /// The metamodule grips the element, and the one that held it releases it.
     fn gripped(mut self, receiver: usize, grip: u8) -> Situation<'a> {
         self.known = Rc::default();
         self.actions.push(Action { mover: receiver, body_action: BodyAction::Grip { grip } });

@@ -11,7 +11,7 @@ struct Block {
     next: u32,
 }
 
-/// No further block.
+/// The number that stands for no further block.
 const END: u32 = u32::MAX;
 
 struct Bucket {

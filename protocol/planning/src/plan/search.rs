@@ -19,7 +19,7 @@ pub struct Method {
     pub weights: Vec<u32>,
     /// True to keep states. If false, the search is iterative deepening from the start.
     pub keep: bool,
-    /// True to go on with iterative deepening when memory ends.
+    /// True to continue with iterative deepening when memory ends.
     pub deepen: bool,
 }
 

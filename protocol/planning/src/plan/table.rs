@@ -27,7 +27,7 @@ const EXPANDED: u16 = 0x8000;
 #[derive(Clone, Copy, Debug, Default)]
 struct Node {
     parent: Id,
-    /// The cost from the start, and [`EXPANDED`].
+    /// The cost from the start, and [`EXPANDED_MASK`].
     cost: u16,
     lower: u16,
 }
@@ -160,7 +160,7 @@ impl Table {
         (id, true)
     }
 
-    /// Enlarges the index, and returns true if it was made anew. Near the limit it gets only as many slots as the
+    /// Enlarges the index, and returns true if it was rebuilt. Near the limit it gets only as many slots as the
     /// records that still fit will need.
     fn grow(&mut self, limit: usize) -> bool {
         let slots = self.tags.len();
@@ -199,6 +199,7 @@ fn tag(hash: u64) -> u8 {
 
 /// Hashes a key, equally on every machine: a beam search breaks ties by it.
 pub fn hash(key: &[u8]) -> u64 {
+    /// Factor of the multiplicative hash: 2^64 divided by the golden ratio.
     const FACTOR: u64 = 0x9e37_79b9_7f4a_7c15;
     let mut state = key.len() as u64;
     for word in key.chunks(8) {

@@ -79,8 +79,11 @@ pub fn solve(chain: &Chain, target: &Pose, start: &[f64], options: &Options) -> 
 /// [`solve`] and is here for comparisons with the thesis.
 pub fn solve_plainly(chain: &Chain, target: &Pose, start: &[f64]) -> Outcome {
     const STEPS: u32 = 50;
+    /// Factor of the damping.
     const DAMPING: f64 = 0.01;
+    /// Largest distance from the target, in cells and radians, at which it counts as reached.
     const REACHED: f64 = 1e-3;
+    /// Distance from the target, in cells and radians, at which the iteration stops.
     const DONE: f64 = 1e-9;
     let points = |p: &Pose| -> [Vector3<f64>; 4] {
         [0, 1, 2, 3].map(|i| if i == 0 { p.origin } else { p.origin + p.rotation.column(i - 1) * 0.5 })

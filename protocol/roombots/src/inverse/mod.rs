@@ -53,7 +53,7 @@ pub const ACCEPTED: f64 = 1e-9;
 const MOST: usize = 200;
 /// Difference in radians, in every joint, below which two solutions are the same.
 const SAME: f64 = 1e-6;
-/// The largest deviation of a matrix from a rotation in a question.
+/// The largest distance of a matrix in a question from a rotation.
 const RIGID: f64 = 1e-6;
 
 /// Finds all postures of a module or metamodule that put the head at `target`.
@@ -123,6 +123,8 @@ impl<'a> Found<'a> {
 
     /// Offers the lattice postures that reach the target. They are enumerated, since most of them are singular.
     fn offer_lattice(&mut self) {
+        /// Largest distance from the lattice, in half cells or as an entry of a rotation, at which a pose counts as
+        /// on it.
         const ON_LATTICE: f64 = 1e-7;
         let twice = self.target.origin * 2.0;
         let Some(rotation) = super::lattice_pose::LatticeRotation::nearest(&self.target.rotation, ON_LATTICE)
@@ -144,7 +146,9 @@ impl<'a> Found<'a> {
 
 /// Improves a candidate by Newton's method, damped so little that it matters at singular postures only.
 fn polished(chain: &Chain, target: &Pose, mut q: Vec<f64>) -> Option<Solution> {
+    /// Factor of the damping.
     const DAMPING: f64 = 1e-13;
+    /// Distance from the target, in cells and radians, at which the iteration stops.
     const GOOD: f64 = 1e-13;
     let mut best: Option<Solution> = None;
     for _ in 0..12 {

@@ -48,7 +48,7 @@ const MAX_DEPTH: u32 = 14;
 const MAX_SAMPLES: usize = 4096;
 /// Length of the bend below which its normal is not significant.
 const NO_BEND: f64 = 1e-9;
-/// Value of f at a sample that counts as zero: the target has a whole curve of postures.
+/// Distance of f from zero at a sample that counts as zero: the target has a whole curve of postures.
 const ZERO: f64 = 1e-13;
 
 /// The signs that select one of the two choices of c2 and one of the two choices of axis 3.
@@ -204,7 +204,7 @@ impl Problem {
     /// Returns the ranges of θ6 in which c2 and axis 3 exist, and the angles at which a range may be a single
     /// point.
     fn ranges(&self) -> (Vec<Range>, Vec<f64>) {
-        // Between the zeros of its slope the margin is monotonic.
+        /// Number of samples by which the zeros of the slope are bracketed: between them the margin is monotonic.
         const COARSE: usize = 96;
         let step = TAU / COARSE as f64;
         let slope = |t: f64| self.c2_margin_slope(t);

@@ -91,7 +91,7 @@ pub enum Fault {
     Kill(ModuleId),
     /// The process is stopped.
     Pause(ModuleId),
-    /// A stopped process goes on.
+    /// A stopped process continues.
     Resume(ModuleId),
     /// A dead process is restarted without its memory; a living one is killed first.
     Restart(ModuleId),

@@ -33,9 +33,9 @@ pub struct RunMonitor<O> {
 /// The state of a run that decides whether it ends at a standstill.
 #[derive(Clone, Copy, Debug)]
 pub struct Standing {
-    /// True if a planned event may still let modules go on.
+    /// True if a planned event may still let modules continue.
     pub is_planned: bool,
-    /// True if nothing can go on, however short the standstill is.
+    /// True if nothing can continue, however short the standstill is.
     pub is_stranded: bool,
     /// The start of the time without actions.
     pub idle_since: Time,

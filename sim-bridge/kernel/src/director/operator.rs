@@ -23,7 +23,7 @@ pub struct Part {
     pub progress: Time,
     /// The one that it waits for.
     pub waits_for: Option<ModuleId>,
-    /// It asks the operator what to do, or whether it is to go on by itself.
+    /// It asks the operator what to do, or whether it is to continue by itself.
     pub asks: bool,
 }
 
@@ -85,7 +85,7 @@ impl Level {
     }
 }
 
-/// Which of several stuck parts is looked at first.
+/// Which of several stuck parts is examined first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Choice {
     /// The one that has been stuck for the longest time.

@@ -66,7 +66,7 @@ impl fmt::Display for Outcome {
     }
 }
 
-/// A module that does not go on.
+/// A module that does not continue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Waiter {
     /// The module.

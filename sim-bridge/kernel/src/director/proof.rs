@@ -7,7 +7,7 @@ use std::fmt;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RuleSet {
-    /// Modules do not let go of what may hang on them: they cannot know that it is safe.
+    /// Modules do not release what may hang on them: they cannot know that it is safe.
     Held,
     /// Walkers carry no other module, and the finalized structure stays.
     Carried,

@@ -19,7 +19,7 @@ pub struct Reason {
 /// The condition under which a standstill does not count as a fault of the protocol, without further proof.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Excuse {
-    /// Never: a module could have gone on.
+    /// Never: a module could have continued.
     Never,
     /// If a process has died.
     IfDead,
@@ -27,7 +27,7 @@ pub enum Excuse {
     IfBroken,
     /// Always, by design of the protocol: published strategies have local minima.
     ByDesign,
-    /// Always: no module could have gone on as the others stand.
+    /// Always: no module could have continued as the others stand.
     Always,
 }
 
@@ -53,7 +53,7 @@ impl Reason {
     pub const fn proving(self, proves: Proves) -> Reason {
         Reason { proves, ..self }
     }
-    /// Returns true if no module could have gone on as the others stand, so that the standstill is not the fault
+    /// Returns true if no module could have continued as the others stand, so that the standstill is not the fault
     /// of a module. To prove that no plan exists at all takes a search.
     pub fn is_infeasible(self) -> bool {
         matches!(self.excuse, Excuse::Always) || self == NO_ACTIVE_TARGET
@@ -92,7 +92,7 @@ pub const NO_ACTIVE_TARGET: Reason = Reason::new(
     "no active target: no live finalized module can start one of the unfilled goal cells",
 );
 
-/// Why a free module does not go on, as far as it has reported: in words, after its name.
+/// Why a free module does not continue, as far as it has reported: in words, after its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Why(pub &'static str);
 

@@ -5,7 +5,7 @@ use metamorph_core::lattice::Cell;
 use metamorph_core::time::Span;
 use std::fmt;
 
-/// How long a command holds if it does not say so.
+/// The time for which a command holds if it names none.
 pub const LEASE: Span = Span::secs(60);
 /// The longest time that a command can hold.
 pub const LONGEST_LEASE: Span = Span::secs(600);

@@ -15,7 +15,7 @@ const SLOTS: usize = 1 << SLOT_BITS;
 const SLOT_BITS: u32 = 10;
 /// Number of blocks of the far wheel, including the present one; a power of two.
 const BLOCKS: u64 = 256;
-/// The least duration of a block, however short the delays: timers are longer.
+/// The least time that a block covers, however short the delays: timers are longer.
 const SHORTEST_BLOCK: Span = Span::millis(200);
 
 /// An event in the queue.

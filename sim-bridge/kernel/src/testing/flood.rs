@@ -46,6 +46,7 @@ pub struct Flooded {
     unreported: bool,
 }
 
+/// The number of hops of a module that the flood has not reached.
 const UNKNOWN: u32 = u32::MAX;
 
 impl Flooded {
@@ -64,6 +65,7 @@ impl Agent for Flooded {
     type Order = Never;
     type Report = Hops;
 
+    /// The number of ports: one for each face.
     const PORTS: usize = 6;
 
     fn new(_: &Arc<()>, birth: Birth<Cell>, _now: Time) -> Flooded {

@@ -100,7 +100,7 @@ impl CubeWorld {
         loop {
             for i in 0..fronts.len() {
                 let Some(at) = fronts[i].pop_front() else {
-                    // All modules of this part are seen. If others share the name of the part they go on.
+                    // All modules of this part are seen. If others share the name of the part they continue.
                     let alone =
                         !(0..fronts.len()).any(|j| j != i && part[j] == part[i] && !fronts[j].is_empty());
                     if alone && part.iter().any(|p| *p != part[i]) {

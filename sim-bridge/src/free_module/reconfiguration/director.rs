@@ -243,7 +243,7 @@ impl DirectorPort<FreeModuleWorld> for FreeModuleDirector {
         let restarting = known.restarting && !known.launched;
         let begun = Known { alive: true, launched: true, restarting, status: None, ..*known };
         let before = std::mem::replace(known, begun);
-        // A plan that waits for a first incarnation goes on waiting.
+        // A plan that waits for a first incarnation continues waiting.
         if before.status.is_some() || self.execution.has_given_up(id) {
             self.execution.disturb();
         }

@@ -1,5 +1,5 @@
-//! Carries plans out: senses, plans, orders steps as those before them are confirmed, and plans anew when a step fails, a
-//! module dies or comes back.
+//! Carries plans out: senses, plans, orders steps as those before them are confirmed, and plans again when a step
+//! fails, a module dies or comes back.
 //!
 //! Each plan has an epoch. At its beginning all modules are told to finish what they do; it is made from what they report
 //! when they rest. A connection that only one side holds is first opened again. What cannot act counts as frozen: the
@@ -27,7 +27,7 @@ pub const PLANNING_RATE: u64 = 20_000;
 const TRIES: u8 = 4;
 /// Plans in a row, without a step confirmed in between, after which the modules rest.
 const REPLANS: u32 = 8;
-/// A module that is being restarted is awaited for this many times the patience: how long that takes depends on the machine.
+/// Factor of the patience for a module that is being restarted: the time of a restart depends on the machine.
 const RESTART_PATIENCE: u64 = 32;
 
 /// Counts of plans and orders in a run.
@@ -205,7 +205,7 @@ impl PlanExecution {
         self.disturbed = true;
     }
 
-    /// Returns when the execution has to be looked at again.
+    /// Returns when the execution has to be examined again.
     pub fn wake_at(&self) -> Time {
         match self.stage {
             Stage::Holding { repeat_at, .. } => repeat_at,

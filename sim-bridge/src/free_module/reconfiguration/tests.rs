@@ -244,7 +244,7 @@ fn a_joint_that_turns_again_is_used() {
     assert!(ran.plan.failed > 0);
 }
 
-/// Where all modules but one are dead for good, it is proved that there is no plan.
+/// Where all modules but one are dead permanently, it is proved that there is no plan.
 #[test]
 fn without_a_plan_the_run_ends_with_the_proof() {
     let faults = (1..3).map(|id| (at(0), Fault::Kill(ModuleId(id)))).collect();

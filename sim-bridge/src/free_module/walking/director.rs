@@ -24,7 +24,7 @@ use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The time between two looks at the structure.
+/// The time between two checks of the structure.
 const LOOK: Span = Span::millis(100);
 /// The longest time that agents may take to agree on their structure.
 const AGREE: Span = Span::secs(10);
@@ -202,7 +202,7 @@ impl WalkDirector {
         }
     }
 
-    /// Waits until agents agree on the structure, and then begins with gaits anew.
+    /// Waits until agents agree on the structure, and then begins with gaits again.
     fn settle(&mut self, now: Time) {
         self.agreed.clear();
         self.state = State::Settling(now, now + AGREE);
@@ -257,7 +257,7 @@ impl WalkDirector {
         Command::Order(id, Order::Gait(GaitOrder { epoch: self.epoch, start: *start, joints }))
     }
 
-    /// Takes the speed of the gait that was tried, and decides how to go on.
+    /// Takes the speed of the gait that was tried, and decides how to continue.
     fn tried(&mut self, now: Time, speed: f64) {
         if self.best.as_ref().is_none_or(|(best, _)| speed > *best) {
             self.best = Some((speed, self.gait.1.clone()));

@@ -10,8 +10,8 @@ pub type Gait = BTreeMap<Joint, Parameters>;
 
 /// Chooses the gaits that a structure tries. A state machine without clock: the same calls give the same gaits.
 pub trait Tuner: Send + Sync {
-    /// Begins anew with these modules dead, after walking with a gait. Returns the first gait to try; `None` if no joint
-    /// can move.
+    /// Begins again with these modules dead, after walking with a gait. Returns the first gait to try; `None` if no
+    /// joint can move.
     fn begin(&mut self, dead: &BTreeSet<ModuleId>, before: &Gait) -> Option<Gait>;
     /// Returns the speed in mm/s that the gait returned last had when it was learnt, if it was learnt for this failure.
     fn expected(&self) -> Option<f64>;

@@ -26,7 +26,7 @@ impl Elements {
     pub fn new(scenes: Scenes) -> Elements {
         Elements { obstacles: BTreeSet::new(), scenes }
     }
-    /// Returns the cells that agents have been told to avoid.
+    /// Returns the cells that agents have been ordered to avoid.
     pub fn obstacles(&self) -> &BTreeSet<Cell> {
         &self.obstacles
     }

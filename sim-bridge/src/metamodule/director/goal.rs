@@ -32,7 +32,7 @@ pub enum GoalChange {
 pub(super) struct Goal {
     task: Task,
     filled: SeedSet,
-    /// The task and the filled seeds that agents were told last.
+    /// The task and the filled seeds announced to agents last.
     announced: Option<(Task, SeedSet)>,
     /// Goals to come: the time and the number, in the order of time.
     scheduled: VecDeque<(Time, u8)>,

@@ -72,7 +72,7 @@ impl MetamoduleDirector {
         match world.drop_element(element) {
             Drop::NotHeld => format!("{name}: it was not held"),
             Drop::Fell { from, cells, on } => {
-                // Where the dead are is told with what they hold.
+                // The cells of the dead are announced together with the elements that they hold.
                 self.members.announce_again(from.into_iter());
                 self.elements.announce(world, &self.members, &mut self.monitor.commands);
                 self.disturb();

@@ -25,14 +25,14 @@ pub(super) struct Leases {
     /// True if metamodules stay where they are unless they are commanded to move.
     holds_idle: bool,
     commanded: BTreeMap<ModuleId, Commanded>,
-    /// Metamodules that have been told to stay, since they are commanded nothing.
+    /// Metamodules that have been ordered to stay, since they are commanded nothing.
     held: BTreeSet<ModuleId>,
     /// Metamodules that an operator has released from that.
     released: BTreeSet<ModuleId>,
 }
 
 impl Leases {
-    /// Creates the state before any command. Under `planned` the controller moves metamodules, so none is told to stay.
+    /// Creates the state before any command. Under `planned` the controller moves metamodules, so none is ordered to stay.
     pub fn new(level: Level, is_planned: bool) -> Leases {
         Leases {
             level,
@@ -100,7 +100,7 @@ impl Leases {
             }
         }
     }
-    /// Returns when the next metamodule is to be told to stay.
+    /// Returns when the next metamodule is to be ordered to stay.
     pub fn next_idle(&self) -> Time {
         let own = |id: &ModuleId| self.holds_idle && !self.held.contains(id) && !self.released.contains(id);
         let ends = self.commanded.iter().filter(|(id, _)| own(id)).map(|(_, commanded)| commanded.until);
@@ -114,7 +114,7 @@ impl Leases {
             self.commanded.remove(&id);
         }
     }
-    /// Forgets who has been told to stay: those that filled a seed of the former goal took no command.
+    /// Forgets who has been ordered to stay: those that filled a seed of the former goal took no command.
     pub fn forget_held(&mut self) {
         self.held.clear();
     }

@@ -21,7 +21,7 @@ use metamorph_protocol::rng::Rng;
 use metamorph_protocol::time::{Span, Time};
 use std::collections::BTreeSet;
 
-/// Places that are drawn from when a goal is moved or a metamodule sent away.
+/// Number of places that are drawn from when a goal is moved or a metamodule sent away.
 const CHOICES: usize = 8;
 
 /// An operator's view of a swarm of metamodules.

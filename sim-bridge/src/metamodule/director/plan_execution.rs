@@ -1,4 +1,4 @@
-//! Carries plans out under `planned`: orders moves as those before them are confirmed, and plans anew when a move is
+//! Carries plans out under `planned`: orders moves as those before them are confirmed, and plans again when a move is
 //! not made, a metamodule dies, an obstacle comes or goes, or the goal changes.
 //!
 //! It plans from what metamodules report. Nothing moves while it plans. A metamodule whose joints are stuck, or that
@@ -40,7 +40,8 @@ use std::sync::Arc;
 
 /// Work of planning in one second of scenario time, in placements examined (see `cooperative::search`).
 pub const PLANNING_RATE: u64 = 2_000_000;
-/// Work of one cooperative search. The metamodules that a plan is handed over to search further.
+/// Work of one cooperative search: a number of placements examined. The metamodules that a plan is handed over to
+/// search further.
 const SEARCH_WORK: usize = WORK / 10;
 /// The number of plans in a row, without a seed filled in between, after which the metamodules decide for themselves.
 const REPLANS: u32 = 8;
@@ -111,7 +112,7 @@ impl Swarm<'_> {
     pub fn elements_left(&self) -> impl Iterator<Item = usize> + '_ {
         let is_left = |e: &usize| !is_at_goal(self.setup, self.task.goal, *e, &self.elements[*e].cells);
         let held = |e: &usize| !self.elements[*e].holders.is_empty();
-        // One that lies at its goal in the end is let go there.
+        // One that lies at its goal in the end is released there.
         let lies = |e: &usize| self.setup.elements.lies(*e, self.task.goal);
         (0..self.elements.len()).filter(move |e| is_left(e) || (lies(e) && held(e)))
     }

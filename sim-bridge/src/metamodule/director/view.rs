@@ -75,7 +75,7 @@ impl<'a> View<'a> {
         for (id, known) in self.members.iter() {
             let pose = world.pose(id);
             if known.alive && !world.is_stuck(id) && is_free(known) {
-                // A metamodule held at both ends lets go of the older one first.
+                // A metamodule held at both ends releases the older one first.
                 let around = setup.motions.turned_around(pose).filter(|_| pose.both);
                 free.push(around.unwrap_or(pose));
             } else {

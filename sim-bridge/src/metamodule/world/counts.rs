@@ -9,7 +9,7 @@ pub struct ActionCounts {
     pub turns: u64,
     /// Moves: all actions between two connections are one (thesis 5.1.4), so this counts connections made.
     pub moves: u64,
-    /// Ends let go.
+    /// Ends detached.
     pub released: u64,
     /// Actions that failed: stuck joints and failed connections.
     pub failed: u64,
@@ -23,9 +23,9 @@ pub struct ActionCounts {
     pub impossible: u64,
     /// Grips of elements.
     pub grips: u64,
-    /// Elements let go.
+    /// Elements released.
     pub let_go: u64,
-    /// Elements let go while another metamodule held on.
+    /// Elements released while another metamodule held on.
     pub hand_overs: u64,
     /// Steps of joints with an element.
     pub carries: u64,

@@ -34,7 +34,7 @@ impl MetamoduleWorld {
             let body = &mut self.bodies[id.index()];
             body.pose.load = Load::NONE;
             match &mut body.under_way {
-                // It goes on without the element, through the same cells.
+                // It continues without the element, through the same cells.
                 Some(under_way) => under_way.to.load = Load::NONE,
                 None => {
                     let pose: Pose = body.pose;

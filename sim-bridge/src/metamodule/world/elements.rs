@@ -292,7 +292,7 @@ mod tests {
         let mut world = gripped(&CUBE);
         assert_eq!(world.holders(0).collect::<Vec<_>>(), [ModuleId(0)]);
         let start = world.element(0).to_vec();
-        // It rests, so it may be let go; nothing else may be done with an end that holds it.
+        // It rests, so it may be released; nothing else may be done with an end that holds it.
         assert_eq!(act_of(&mut world, 0, BodyAction::Attach), IMPOSSIBLE);
         assert_eq!(act_of(&mut world, 0, BodyAction::Grip(load())), IMPOSSIBLE);
         let carry = step(&CUBE, world.pose(ModuleId(0))).unwrap();

@@ -61,7 +61,7 @@ impl MetamoduleWorld {
         self.queue.violate(ONE_MODULE_PER_CELL, now, what);
     }
 
-    /// Checks that a body grips the floor; while an end lets go, with the other end.
+    /// Checks that a body grips the floor; while an end detaches, with the other end.
     fn check_grips(&mut self, now: Time, id: ModuleId) {
         let body = &self.bodies[id.index()];
         let lets_go = body.under_way.as_ref().is_some_and(|u| u.body_action == BodyAction::Detach);

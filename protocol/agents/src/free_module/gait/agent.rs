@@ -215,7 +215,7 @@ impl FreeModule {
     /// Begins a gait whose time has come, and steps the oscillators up to `now`.
     fn step(&mut self, now: Time) {
         if now.since(self.step_at) > PHASE_AGE {
-            // The process was stopped: the oscillators go on alone, as others have seen them.
+            // The process was stopped: the oscillators continue alone, as others have seen them.
             let missed = (now.0 - self.step_at.0) / STEP.0;
             if let Some(rhythm) = &mut self.rhythm {
                 rhythm.coast(&self.setup, STEP * missed);
@@ -289,6 +289,7 @@ impl Agent for FreeModule {
     type Order = Order;
     type Report = Status;
 
+    /// The number of ports: one for each connector.
     const PORTS: usize = CONNECTORS;
 
     fn new(setup: &Arc<Setup>, birth: Birth<Place>, now: Time) -> FreeModule {

@@ -13,7 +13,7 @@ use std::hash::{Hash, Hasher};
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LinkStates {
     of: BTreeMap<ModuleId, LinkState>,
-    /// The latest incarnation of a module that the controller has told to be dead.
+    /// The latest incarnation of a module that the controller has declared dead.
     dead: BTreeMap<ModuleId, Incarnation>,
 }
 

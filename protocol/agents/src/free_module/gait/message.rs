@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 pub const CONNECTORS: usize = Connector::ALL.len();
 /// The largest number of phases in a frame.
 pub const PHASES: usize = 5;
-/// No module.
+/// The number that stands for no module.
 const UNDOCKED: u16 = u16::MAX;
 
 /// A module docked at a connector.

@@ -52,15 +52,15 @@ pub enum StartPhases {
     Random,
 }
 
-/// The time between two looks at whether a phase has to be sent.
+/// The time between two checks of whether a phase has to be sent.
 pub const PHASE_PERIOD: Span = Span::millis(100);
 /// The longest time without sending a phase.
 pub const PHASE_REPEAT: Span = Span::secs(1);
-/// A phase that is older is no longer coupled; the oscillator goes on alone.
+/// The time after which a phase is no longer coupled; the oscillator continues alone.
 pub const PHASE_AGE: Span = Span::secs(2);
 /// The time between two commands to the body: 20 ms.
 pub const COMMAND_PERIOD: Span = Span::millis(20);
-/// How long a body follows a command if no other one comes.
+/// The time for which a body follows a command if no other one comes.
 pub const COMMAND_AGE: Span = Span::millis(200);
 /// The time between two comparisons of link states with neighbours while they differ.
 pub const COMPARE_SOON: Span = Span::millis(100);

@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 const N: usize = JOINTS as usize;
 /// The largest error of extrapolating a phase from one that is known: 0.2 degrees, in 2^-32 turns.
 const PHASE_ERROR: u32 = u32::MAX / 1800;
-/// The largest difference from an amplitude that is known.
+/// The largest difference of an amplitude from the angle that its receivers know, in the unit of [`Angle`].
 const AMPLITUDE_ERROR: u32 = Angle::milliradians(10).0.unsigned_abs();
 
 /// The gait of one agent.

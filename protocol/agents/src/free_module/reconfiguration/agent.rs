@@ -403,6 +403,7 @@ impl Agent for LatticeModule {
     type Order = Order;
     type Report = Status;
 
+    /// The number of ports: one for each connector.
     const PORTS: usize = CONNECTORS;
 
     fn new(setup: &Arc<Setup>, birth: Birth<Place>, now: Time) -> LatticeModule {

@@ -212,7 +212,7 @@ impl Wire for Action {
 pub enum Refusal {
     /// Another module is in the way.
     Blocked = 0,
-    /// The action reached the body after [`Action::not_after`].
+    /// The action reached the body after [`LatticeAction::not_after`].
     Late = 1,
     /// The contacts have changed since the agent decided.
     Stale = 2,

@@ -9,7 +9,7 @@ use metamorph_planning::assembly::tables::{Code, POSTURES, ROTATIONS, Rot, TABLE
 use metamorph_roombots::Kind;
 use metamorph_roombots::posture::Posture;
 
-/// Connectors of a module.
+/// Number of connectors of a module.
 pub const CONNECTORS: usize = 10;
 
 /// Where a module is, its joint values, and which of its connectors are closed.

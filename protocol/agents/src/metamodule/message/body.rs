@@ -12,11 +12,11 @@ pub enum BodyAction {
     Turn(u16),
     /// The free end, which lies on a connector, grips it.
     Attach,
-    /// The end that has been attached for longer lets go; the other one holds from now on.
+    /// The end that has been attached for longer detaches; the other one holds from now on.
     Detach,
     /// The free end grips an element, which is where this load would be.
     Grip(Load),
-    /// The free end lets go of the element.
+    /// The free end releases the element.
     LetGo,
 }
 

@@ -143,9 +143,9 @@ pub struct Status {
     pub waits_for: Option<ModuleId>,
     /// Seeds to which it has found no route.
     pub unreachable: SeedSet,
-    /// It has found out that no metamodule can go on.
+    /// It has found out that no metamodule can continue.
     pub deadlocked: bool,
-    /// It moves, or has asked for a lock to move (told under `planned` only).
+    /// It moves, or has asked for a lock to move (reported under `planned` only).
     pub busy: bool,
     /// Under `planned`: its joints did not turn when they should have, and have not turned since. Under `negotiated`: it
     /// asks the operator, since it would search for a plan of all together.

@@ -102,6 +102,7 @@ impl Rank {
     pub const NONE: Rank = Rank(u16::MAX);
     /// Number of ranks per seed; bounds how many metamodules in a chain that make way have ranks of their own.
     const DEPTHS: u16 = 16;
+    /// Number of the last rank of a seed.
     const LAST: u16 = Rank::DEPTHS - 1;
 
     /// Rank of a metamodule that has claimed this seed.
@@ -215,7 +216,7 @@ pub enum Instruction {
         /// The action after the turns.
         end: MoveEnd,
     },
-    /// All stay, and one grips an element or lets it go (`planned` only).
+    /// All stay, and one grips an element or releases it (`planned` only).
     Handle {
         /// The one that does.
         mover: ModuleId,
@@ -231,7 +232,7 @@ pub enum Instruction {
 pub enum MoveEnd {
     /// It stays as it is, free, also where it could fill a seed.
     Rests,
-    /// The free end connects to the floor, and the other end lets go.
+    /// The free end connects to the floor, and the other end detaches.
     Lands,
     /// It fills the open seed in whose cells it is then; if there is none it rests.
     Settles,
@@ -257,14 +258,14 @@ choice!(Instruction, "instruction" {
     3 => Handle { mover, from, load },
 });
 
-/// A question or an answer of a wave that finds out whether any metamodule can go on (see `detector`).
+/// A question or an answer of a wave that finds out whether any metamodule can continue (see `detector`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Probe {
     /// The metamodule that began the wave.
     pub initiator: ModuleId,
     /// The number of the wave among those of the initiator.
     pub wave: u32,
-    /// The number of the latest state that the sender has told.
+    /// The number of the latest state that the sender has announced.
     pub sequence: u32,
     /// The answer; `None` in a question.
     pub answer: Option<Counted>,
@@ -350,7 +351,7 @@ pub enum Message {
     Path(Path),
     /// A directive to all in range.
     Directive(Directive),
-    /// Asks whether any metamodule can go on, or answers that none of those asked can.
+    /// Asks whether any metamodule can continue, or answers that none of those asked can.
     Probe(Probe),
     /// Asks to keep out of all cells of a move, and to grant them to no other metamodule.
     Request {

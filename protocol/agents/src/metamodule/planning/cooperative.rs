@@ -80,7 +80,7 @@ pub struct Move {
     pub from: Pose,
     /// The posture after the turns.
     pub posture: u16,
-    /// True if the free end then connects to the floor and the other end lets go.
+    /// True if the free end then connects to the floor and the other end detaches.
     pub lands: bool,
 }
 
@@ -106,7 +106,8 @@ const FEW: usize = 10;
 /// Factor of the work that random walks may take.
 const LUCK: usize = 5;
 
-/// Default work bound, in units of [`search`]. Agents and the judge use the same, so both find the same plans.
+/// Default work bound: a number of placements examined, as [`search`] counts them. Agents and the judge use the same,
+/// so both find the same plans.
 pub const WORK: usize = 2_000_000;
 
 /// Searches for a plan, or for a proof that there is none, from the simplest problem to the complete one. Each
@@ -202,7 +203,7 @@ impl Held {
         let mut left = work;
         let mut groups: Vec<Vec<usize>> = shut_in.iter().map(|i| vec![*i]).collect();
         let mut at = 0;
-        // Each new held body takes cells, which may confine others, so the search begins anew.
+        // Each new held body takes cells, which may confine others, so the search begins again.
         while let Some(group) = groups.get(at).cloned() {
             at += 1;
             if group.iter().any(|i| held.bodies.contains(i)) {

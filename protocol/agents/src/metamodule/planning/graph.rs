@@ -31,7 +31,7 @@ pub struct Landed {
 pub struct Reach {
     /// Landings by number of turns, then by number of the posture.
     pub landings: Box<[Landed]>,
-    /// The same set as bits, by [`Graph::rest`].
+    /// The same set as bits, by [`MotionGraph::rest`].
     pub lands: u128,
     /// By chain of cells: the nearest posture that fills it, and the number of turns to it.
     pub chains: Box<[Option<(u16, u8)>]>,
@@ -40,7 +40,7 @@ pub struct Reach {
 /// A connected component: postures that turn into each other, and into no others, while some cells are taken.
 struct Part {
     postures: PostureSet,
-    /// Its landings, as bits by [`Graph::rest`].
+    /// Its landings, as bits by [`MotionGraph::rest`].
     lands: u128,
     /// Taken cells that suffice to confine it; computed on demand.
     wall: Option<Bits>,
@@ -93,6 +93,7 @@ pub struct Graph {
     paths: Memo<(u16, u16, Bits), Option<Arc<Steps>>>,
 }
 
+/// The number that stands for no posture, or for no cell.
 const UNKNOWN: u8 = u8::MAX;
 /// Range of motions along x and y, in cells from the foot; along z they stay below twice as much.
 const RADIUS: i16 = 4;
@@ -230,7 +231,7 @@ impl Graph {
     fn postures<'a>(&'a self, set: &'a PostureSet) -> impl Iterator<Item = u16> + 'a {
         set.iter().map(|place| self.posture_at[place.index()])
     }
-    /// Returns the landings in a set, as bits by [`Graph::rest`].
+    /// Returns the landings in a set, as bits by [`MotionGraph::rest`].
     fn landing_bits(&self, set: &PostureSet) -> u128 {
         let landers = set.and(&self.landers);
         self.postures(&landers).filter_map(|p| self.rest(p)).fold(0, |bits, i| bits | 1 << i)
@@ -249,7 +250,7 @@ impl Graph {
         }
     }
 
-    /// Returns the landings that can be reached without sweeping a taken cell, as bits by [`Graph::rest`]:
+    /// Returns the landings that can be reached without sweeping a taken cell, as bits by [`MotionGraph::rest`]:
     /// the same as [`Reach::lands`], computed faster.
     pub fn lands(&self, from: u16, taken: Bits) -> u128 {
         self.part(from, taken, |part| part.lands).unwrap_or(0)

@@ -6,6 +6,7 @@
 
 use metamorph_roombots::posture::{MAX_JOINTS, Posture};
 
+/// Number of words of 64 bits, of which 48 are in use.
 const WORDS: usize = 27;
 /// Mask of the bits in use in each word.
 const USED: u64 = (1 << 48) - 1;

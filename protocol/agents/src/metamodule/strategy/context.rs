@@ -14,7 +14,7 @@ pub(in crate::metamodule) struct Context<'a> {
     pub waiting_since: &'a mut Time,
 }
 
-/// Tells the metamodule how to go on.
+/// Tells the metamodule how to continue.
 pub(in crate::metamodule) enum Decision {
     /// It asks for the lock of this motion.
     Ask(Plan),

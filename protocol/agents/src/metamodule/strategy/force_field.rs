@@ -11,7 +11,7 @@ use crate::metamodule::planning::paths::Ground;
 use crate::metamodule::pose::Pose;
 use metamorph_core::lattice::Cell;
 
-/// 1.0 in the field's units.
+/// Factor of the field's fixed-point numbers: 1.0 in their unit.
 pub const ONE: i64 = 1 << 16;
 
 /// A connector of the floor.
@@ -108,7 +108,7 @@ impl<'a> Field<'a> {
     }
 }
 
-/// A move is made only for a score above this.
+/// Least score for which a move is made, in moves gained: 0.05.
 pub const WORTH: i64 = ONE / 20;
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ use metamorph_core::coverage::{CoveragePoint, hit};
 use metamorph_core::lattice::Cell;
 use metamorph_core::time::Time;
 
-/// Decides what to do next, from the states that neighbours have told.
+/// Decides what to do next, from the states that neighbours have announced.
 pub(in crate::metamodule) fn look(v: View<'_>, next_expiry: Time) -> Decision {
     let motions = v.motions();
     let (mut fixed, mut moving) = (v.fixed(), Vec::new());

@@ -1,5 +1,5 @@
 //! Strategies: what a free metamodule does next. `force_field`, `greedy_policy` and `precedence` are the
-//! published ones, which decide anew each time; `negotiated` has a state of its own; `planned` does as the
+//! published ones, which decide again each time; `negotiated` has a state of its own; `planned` does as the
 //! world-controller orders.
 
 pub(super) mod context;
@@ -86,20 +86,20 @@ impl Policy {
             Policy::Planned(p) => p.look(cx, next_expiry),
         }
     }
-    /// Returns the motion by which it grips an element or lets it go now, settled or not.
+    /// Returns the motion by which it grips an element or releases it now, settled or not.
     pub fn handling(&self, v: View<'_>) -> Option<Plan> {
         match self {
             Policy::ForceField | Policy::Negotiated(_) => None,
             Policy::Planned(p) => p.handling(v),
         }
     }
-    /// Drops all intentions: the metamodule moves no more, for now or for good.
+    /// Drops all intentions: the metamodule moves no more, for now or permanently.
     pub fn retire(&mut self, cx: &mut Context<'_>) {
         if let Some(n) = self.negotiated_mut() {
             n.retire(cx);
         }
     }
-    /// Takes the operator's answer to a request: it is to go on by itself.
+    /// Takes the operator's answer to a request: it is to continue by itself.
     pub fn on_answer(&mut self) {
         if let Some(n) = self.negotiated_mut() {
             n.on_answer();
@@ -125,7 +125,7 @@ impl Policy {
             n.forget(port);
         }
     }
-    /// Repeats what has been told.
+    /// Resends the current announcement.
     pub fn repeat(&mut self, cx: &mut Context<'_>) {
         if let Some(n) = self.negotiated_mut() {
             n.repeat(cx);

@@ -50,8 +50,9 @@ impl Planned {
         }
     }
 
-    /// Returns the motion by which it grips an element or lets it go, if that is ordered and fits the pose. It lets go only
-    /// if another one is known to hold the element, or if it lies where it lay at the start; the body makes sure of that.
+    /// Returns the motion by which it grips an element or releases it, if that is ordered and fits the pose. It
+    /// releases it only if another one is known to hold the element, or if it lies where it lay at the start; the
+    /// body makes sure of that.
     pub fn handling(&self, v: View<'_>) -> Option<Plan> {
         let Instruction::Handle { mover, from, load } = self.instruction else { return None };
         let is_ready = mover == v.own.id && from == v.own.pose && v.now >= v.own.quarantine_until;

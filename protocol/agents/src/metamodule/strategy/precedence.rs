@@ -2,7 +2,7 @@
 //! and the other stands still ("locking modules which are too close from each other before deciding which
 //! one should move first", thesis 4.1.3).
 //!
-//! What decides is worked out by each metamodule alone, from the states that neighbours have told and the
+//! Each metamodule computes the order alone, from the states that neighbours have announced and the
 //! seeds known to be open. The order is total, so a wait never closes a circle while both know the same;
 //! where they do not, the locks still keep them apart. Absent: `negotiated`, which claims seeds instead.
 

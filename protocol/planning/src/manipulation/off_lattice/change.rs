@@ -15,9 +15,9 @@ use metamorph_roombots::database::Table;
 use metamorph_roombots::lattice_pose::LatticeRotation;
 use std::collections::BTreeSet;
 
-/// The farthest cell from the foot, along x or y, in which a cube can be.
+/// The largest distance from the foot, along x or y, of a cell in which a cube can be.
 const REACH: i16 = 4;
-/// Places of a change that are tried for one task, at most.
+/// Largest number of places of a change that are tried for one task.
 const MAX_PLACES: usize = 24;
 
 /// Grips of a cube in the cells of one height and one colour, seen from the foot.

@@ -4,13 +4,13 @@ use super::arm::Arm;
 use metamorph_core::rng::Rng;
 use metamorph_roombots::chain::{joint_distance, random_angles, wrapped};
 
-/// Nodes of both trees at most.
+/// Largest number of nodes of both trees together.
 const MAX_NODES: usize = 4_000;
 /// The longest edge, in radians of the joint that turns most: 20°.
 const REACH: f64 = 0.35;
 /// Distance between samples of an edge, in radians: 2.5°.
 const SAMPLE: f64 = 0.0436;
-/// Rounds of making a path shorter.
+/// Number of attempts to shorten a path.
 const SHORTCUTS: usize = 40;
 
 /// A path of joint angles, from one to the next along straight lines, each joint the short way round.

@@ -13,7 +13,7 @@ use crate::plan::and_or::{Disassembly, Items, Refusal, Removal, Stuck, disassemb
 use metamorph_core::lattice::Cell;
 use std::collections::BTreeMap;
 
-/// Bundles that are taken out of the search at most, since they cannot be placed.
+/// Largest number of bundles that are excluded from the search because they cannot be placed.
 pub const MAX_REFUTATIONS: usize = 64;
 /// The weight of the lower bound of transports, in hundredths.
 const WEIGHT: u32 = 500;
@@ -131,8 +131,8 @@ pub fn plan_structure(structure: &Structure, bodies: &[Body]) -> StructureAnswer
     }
 }
 
-/// Returns the bundles of a structure in an order in which they can be placed, without a look at where metamodules and elements
-/// are; `None` if no such order was found.
+/// Returns the bundles of a structure in an order in which they can be placed, regardless of where metamodules and
+/// elements are; `None` if no such order was found.
 pub fn bundles(structure: &Structure) -> Option<Vec<Items>> {
     structure.stable(structure.whole()).ok()?;
     let mut taking = Taking::new(structure);
@@ -323,7 +323,7 @@ impl<'a> Course<'a, '_> {
     }
 
     /// Brings a piece from where it rests to its goal. In the end the metamodule that holds it is in one of `ends`. It
-    /// stays there if that is a seat; otherwise the metamodules in seats grip the piece, and it lets go.
+    /// stays there if that is a seat; otherwise the metamodules in seats grip the piece, and it releases it.
     fn bring(
         &mut self,
         piece: usize,

@@ -13,7 +13,7 @@ use crate::plan::and_or::Items;
 use metamorph_core::lattice::Cell;
 use std::cmp::Reverse;
 
-/// Millionths of a cell in a cell.
+/// One cell as a number of millionths.
 pub const CELL: i64 = 1_000_000;
 
 /// A place in millionths of a cell. The floor is at z = 0.

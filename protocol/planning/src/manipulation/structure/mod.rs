@@ -2,9 +2,9 @@
 //!
 //! A structure has *items*: seats, each for one metamodule, and pieces, the elements. A [`removal`] search takes the
 //! finished structure apart, bundle by bundle, so that what stands is stable at any time; reversed this is an order of
-//! assembly. [`assembly`] carries that order out from where metamodules and elements are. A bundle that it cannot place is not
-//! taken again, and the search begins anew. [`isolation`] has the graphs of thesis B.3, and the order of B.5, which asks no
-//! planner.
+//! assembly. [`assembly`] carries that order out from where metamodules and elements are. A bundle that it cannot
+//! place is not taken again, and the search begins again. [`isolation`] has the graphs of thesis B.3, and the order
+//! of B.5, which asks no planner.
 
 pub mod assembly;
 pub mod isolation;
@@ -57,7 +57,7 @@ pub struct Site {
     pub limits: Limits,
 }
 
-/// The grips that are looked at.
+/// The grips that are examined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Grips {
     /// Those of metamodules in seats, with the elements at their goals; all of an element that is not held there.

@@ -14,7 +14,7 @@ use crate::plan::and_or::{Items, Refusal, Removals};
 use metamorph_core::lattice::Cell;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-/// Bundles that one search examines at most.
+/// Largest number of bundles that one search examines.
 pub const MAX_BUNDLES: usize = 20_000;
 /// Least distance in connectors, along x or y, from the feet of the structure to a place beside it.
 const BESIDE: u16 = 2;

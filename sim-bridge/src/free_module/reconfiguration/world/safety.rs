@@ -1,4 +1,4 @@
-//! Safety checks of the world of free modules. They look at the bodies and at a record of pending connections, which the
+//! Safety checks of the world of free modules. They examine the bodies and a record of pending connections, which the
 //! interlock does not read, so that a fault of either shows.
 
 use super::super::invariants::{

@@ -35,7 +35,7 @@ impl Announcement {
     /// Withdraws the announced path, if there is one, by announcing an empty one.
     pub fn withdraw(&mut self, cx: &mut Context<'_>) {
         if let Some(path) = std::mem::replace(self, Announcement::new()).path {
-            // No legs, not even those that are not told: all that hear it keep the same.
+            // No segments, not even those that are not announced: all receivers keep the same path.
             let (sequence, segments) = (cx.out.next_sequence(), [Segment::default(); LEGS]);
             let path = Path { sequence, rank: Rank::NONE, segments, count: 0, ..path };
             cx.out.broadcast(cx.v, Class::Negotiation, Message::Path(path));

@@ -84,7 +84,7 @@ impl Negotiated {
     ) -> Option<Plan> {
         let now = cx.v.now;
         if !self.claims.is_agreed(now) {
-            // A move towards a seed that is lost to a nearer metamodule would be one in vain.
+            // A move towards a seed that is lost to a nearer metamodule would have no purpose.
             return None;
         }
         let (waited, retry) = (now.since(*cx.waiting_since), cx.v.params().patience);

@@ -6,9 +6,9 @@
 //! that has no way to announce yet. Then the metamodule with the smallest number among those in range asks
 //! all to stay, searches for a plan of all together (`planning::cooperative`), and orders one move after the
 //! other; the mover makes it, with locks as always. When the seed is filled, or a move has not been made in
-//! time, or the coordinator is not heard any more, all go on as before.
+//! time, or the coordinator is not heard any more, all continue as before.
 //!
-//! If the scenario says so, it asks the operator first, and goes on by itself when it is told to, or after a time.
+//! If the scenario says so, it asks the operator first, and continues by itself when it is told to, or after a time.
 //!
 //! A directive that comes late or to another metamodule costs time, never safety. Absent: a choice among
 //! plans; the first that is found is carried out, also if it closes the way to another seed.
@@ -38,9 +38,9 @@ use std::sync::Arc;
 const QUIET: u64 = 5;
 /// The time without a newly filled seed after which it coordinates even if others move, in multiples of `patience`.
 const LONG: u64 = 20;
-/// How long a coordinator is followed after it was last heard, in multiples of `patience`.
+/// The time for which a coordinator is followed after it was last heard, in multiples of `patience`.
 const FOLLOWED: u64 = 3;
-/// The largest number of doublings of the time until it coordinates again, after it has done so in vain.
+/// The largest number of doublings of the time until it coordinates again, after it has done so without success.
 const MOST_DOUBLED: u8 = 4;
 
 /// State of coordination: the plan that a metamodule coordinates, and the coordinator that it follows.
@@ -52,7 +52,7 @@ pub(super) struct Coordinator {
     began: Option<Time>,
     /// The arrangement for which it found no plan.
     in_vain: Option<u64>,
-    /// How often it has coordinated in vain since the seeds in `filled`, and no others, were filled.
+    /// How often it has coordinated without success since the seeds in `filled`, and no others, were filled.
     times_in_vain: u8,
     filled: SeedSet,
     stage: Stage,
@@ -60,7 +60,7 @@ pub(super) struct Coordinator {
     said: Option<Directive>,
     /// The directive that it follows, and until when.
     heard: Option<(Directive, Time)>,
-    /// The operator has answered that it is to go on.
+    /// The operator has answered that it is to continue.
     is_answered: bool,
 }
 
@@ -180,7 +180,7 @@ impl Coordinator {
             }
     }
 
-    /// Takes the answer of the operator that it is to go on.
+    /// Takes the answer of the operator that it is to continue.
     pub fn on_answer(&mut self) {
         self.is_answered |= matches!(self.stage, Stage::Asking { .. });
     }
@@ -231,7 +231,7 @@ impl Coordinator {
             moves.pop_front();
         }
         let (mover, next) = *moves.front()?;
-        // The last move is over when its mover stays where it is for good.
+        // The last move is over when its mover stays where it is permanently.
         let Some(pose) = pose_of(mover) else {
             match moves.len() {
                 1 => self.stop(cx),
@@ -264,7 +264,7 @@ impl Coordinator {
         cx.out.broadcast(cx.v, Class::Negotiation, Message::Directive(directive));
     }
 
-    /// Stops coordinating because it was in vain.
+    /// Stops coordinating because it had no success.
     fn give_up(&mut self, cx: &mut Context<'_>) {
         (self.began, self.times_in_vain) = (Some(cx.v.now), self.times_in_vain.saturating_add(1));
         self.stop(cx);
@@ -289,7 +289,7 @@ impl Coordinator {
     pub fn hear(&mut self, v: View<'_>, directive: Directive) -> bool {
         let is_later = |(before, until): (Directive, Time)| match directive.coordinator == before.coordinator
         {
-            // A coordinator that has restarted begins to count anew.
+            // A coordinator that has restarted counts from zero again.
             true => directive.sequence >= before.sequence || v.now >= until,
             false => {
                 let is_over = before.instruction == Instruction::Over;

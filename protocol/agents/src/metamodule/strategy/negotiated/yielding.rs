@@ -70,7 +70,7 @@ impl Yielding {
         self.times_blocked = (times + 1).min(MOST_DOUBLED);
         self.blocked_until = Some(now + retry * (1 << times));
         // The one that meant to come this way may have given it up for that very reason, and would mean to
-        // again: the two must not go on like that without time passing.
+        // again: the two must not continue like that without time passing.
         self.blocked_at_least = if times == MOST_DOUBLED { now + retry } else { now };
     }
 }
@@ -92,7 +92,7 @@ impl Need {
         let in_way_of = corridor.most_important(&v.motions().cells(v.own.pose));
         let next = v.open().iter().next().map(Rank::of_seed);
         // The next seed may matter more than the way that this metamodule stands in: two that each made way
-        // for the other, and thereby gave up their own, would go on like that for ever.
+        // for the other, and thereby gave up their own, would continue like that forever.
         let matters = in_way_of.is_none_or(|rank| next.is_some_and(|next| next < rank));
         let is_first = claim.is_some_and(|c| scene.is_first(c));
         let is_done = v.own.filled.holds(v.goal().all());
