@@ -3,7 +3,7 @@
 
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use metamorph_protocol::counters::Class;
-use metamorph_protocol::cube::call::{Step, Way};
+use metamorph_protocol::cube::call::{Step, Walk};
 use metamorph_protocol::cube::control::{Order, Status};
 use metamorph_protocol::cube::epoch::{Epoch, Opening};
 use metamorph_protocol::cube::params::Connectivity;
@@ -125,7 +125,7 @@ fn calling_two_modules_at_once_is_found() {
     let goal = Order::Goal(Opening { epoch, opened: Time::ZERO, is_closed: true });
     let call = |from: Cell, support, heading| {
         let motion = Motion { kind: MotionKind::Convex, support, heading };
-        let way = Way::new(from, &[Step { motion, is_vouched: false }]).unwrap();
+        let way = Walk::new(from, &[Step { motion, is_vouched: false }]).unwrap();
         Order::Call { epoch, until: Time::ZERO + Span::secs(9), way }
     };
     let ids = || (0..row.len() as u32).map(ModuleId);

@@ -3,7 +3,7 @@
 #![allow(clippy::print_stdout, reason = "shown only on failure or with --nocapture")]
 
 use metamorph_protocol::counters::Class;
-use metamorph_protocol::free_module::gait::message::Message;
+use metamorph_protocol::free_module::gait::message::WalkMessage;
 use metamorph_protocol::free_module::oscillator::{Dynamics, Phase};
 use metamorph_protocol::record::{Consumed, Event};
 use metamorph_protocol::time::{Span, Time};
@@ -85,7 +85,7 @@ fn apart(journal: &Path, [from, until]: [u64; 2]) -> f64 {
         let record = record.unwrap();
         let Event::Step(step) = &record.event else { continue };
         let Consumed::Message { message, class: Class::Gait, .. } = &step.input else { continue };
-        let Message::Phases { phases: heard, .. } = message.read().unwrap() else { continue };
+        let WalkMessage::Phases { phases: heard, .. } = message.read().unwrap() else { continue };
         let within = heard.into_iter().filter(|p| from <= p.at && p.at < until);
         phases.extend(
             within.map(|p| p.phase - Phase::default().after(p.at.since(from), Dynamics::THESIS.frequency)),

@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 #![allow(clippy::print_stdout, reason = "shown only on failure or with --nocapture")]
 
-use metamorph_protocol::free_module::gait::Setup;
+use metamorph_protocol::free_module::gait::WalkSetup;
 use metamorph_protocol::free_module::named;
 use metamorph_protocol::free_module::network::NetworkKind;
 use metamorph_protocol::ids::ModuleId;
@@ -15,7 +15,7 @@ use metamorph_sim_bridge::director::progress::Stop;
 use metamorph_sim_bridge::free_module::physics::{Down, FRICTION};
 use metamorph_sim_bridge::free_module::physics_world::PhysicsWorld;
 use metamorph_sim_bridge::free_module::rapier::Bodies;
-use metamorph_sim_bridge::free_module::walking::director::{Course, ENOUGH, Situation, WalkDirector};
+use metamorph_sim_bridge::free_module::walking::director::{ENOUGH, Situation, WalkDirector, WalkingRun};
 use metamorph_sim_bridge::free_module::walking::goal::Goal;
 use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig};
 use metamorph_tests::command::root;
@@ -61,7 +61,7 @@ fn recover(dead: u32, choice: Arc<Choice>, enough: f64) -> [Situation; 2] {
         livelock: timeout.since(Time::ZERO),
         planned_until: Time::ZERO,
     };
-    let course = Course {
+    let course = WalkingRun {
         // Not to be reached.
         goal: Goal::anywhere(Span::secs(1), 1e6),
         tuner: Box::new(OnlineTuner::new(Arc::clone(&choice))),
@@ -70,7 +70,7 @@ fn recover(dead: u32, choice: Arc<Choice>, enough: f64) -> [Situation; 2] {
         stop,
     };
     let config = SimConfig {
-        setup: Arc::new(Setup::new(choice.network)),
+        setup: Arc::new(WalkSetup::new(choice.network)),
         link: LinkModel::default(),
         seed,
         audit_every: Span::secs(1),

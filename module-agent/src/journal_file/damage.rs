@@ -14,28 +14,28 @@ pub enum JournalError {
     #[error("cannot write the journal {0}: {1}; name a file in a directory that exists and is yours")]
     Create(PathBuf, io::Error),
     /// The file cannot be read.
-    #[error("cannot read the journal {0}: {1}{FIX}")]
+    #[error("cannot read the journal {0}: {1}{REMEDY}")]
     Read(PathBuf, io::Error),
     /// Not a journal.
-    #[error("{0} is not a journal; `metamorph run SCENARIO --journal FILE` writes one{FIX}")]
+    #[error("{0} is not a journal; `metamorph run SCENARIO --journal FILE` writes one{REMEDY}")]
     Magic(PathBuf),
     /// Another version.
     #[error(
-        "{0} is a journal of version {1}; this program reads version {VERSION}: use the program that wrote it{FIX}"
+        "{0} is a journal of version {1}; this program reads version {VERSION}: use the program that wrote it{REMEDY}"
     )]
     Version(PathBuf, u16),
     /// The writer was killed before the head was written.
-    #[error("the journal {0} ends within its head, so nothing of it can be read{FIX}")]
+    #[error("the journal {0} ends within its head, so nothing of it can be read{REMEDY}")]
     NoHead(PathBuf),
     /// A journal that cannot be used here.
-    #[error("{0}: {1}{FIX}")]
+    #[error("{0}: {1}{REMEDY}")]
     Unfit(PathBuf, String),
     /// The content of a file differs from what its writer wrote.
     #[error(transparent)]
     Damaged(#[from] Damage),
 }
 
-const FIX: &str = "\n  fix: name a whole journal that `metamorph run --journal` of this version wrote";
+const REMEDY: &str = "\n  fix: name a whole journal that `metamorph run --journal` of this version wrote";
 
 impl JournalError {
     /// True if a file was changed after it was written, or is missing.
@@ -46,7 +46,7 @@ impl JournalError {
 
 /// A place in a journal where it differs from what its writer wrote. A killed writer does not cause this.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("{}: the journal is damaged at byte {at}: {kind}\n  fix: {}", .path.display(), .kind.fix())]
+#[error("{}: the journal is damaged at byte {at}: {kind}\n  fix: {}", .path.display(), .kind.remedy())]
 pub struct Damage {
     /// The file.
     pub path: PathBuf,
@@ -105,7 +105,7 @@ pub enum DamageKind {
 }
 
 impl DamageKind {
-    fn fix(&self) -> &'static str {
+    fn remedy(&self) -> &'static str {
         match self {
             DamageKind::Changed | DamageKind::Order | DamageKind::Content(_) | DamageKind::Unreadable(_) => {
                 "use an undamaged copy; `metamorph view` shows what comes before the damage"

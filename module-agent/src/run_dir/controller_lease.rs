@@ -24,7 +24,7 @@ const RESUMABLE: &str = "resumable";
 ///
 /// # Errors
 /// If the file cannot be created.
-pub fn mark_resumable(root: &Path) -> io::Result<()> {
+pub fn make_resumable(root: &Path) -> io::Result<()> {
     fs::write(root.join(RESUMABLE), b"")
 }
 

@@ -19,12 +19,14 @@ use thiserror::Error;
 const MAGIC: [u8; 8] = *b"MMLEDGER";
 /// The version of the layout.
 pub const VERSION: u32 = 4;
-const HEADER: usize = 32;
+/// Size of the header.
+const HEADER_BYTES: usize = 32;
 /// Number of 64-bit numbers in a slot: the generation; ten for each class, of which eight are its tally, one
 /// the messages left, and one those that may be lost; and four for foreign frames, wake-ups, records missing
 /// from the journal, and whether the counters are final.
 const NUMBERS: usize = 1 + Class::ALL.len() * 10 + 4;
-const SLOT: usize = NUMBERS * 8 + 4;
+/// Size of a slot: the numbers, and a checksum.
+const SLOT_BYTES: usize = NUMBERS * 8 + 4;
 
 /// The counters of one incarnation of an agent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -130,7 +132,7 @@ impl CounterFile {
 
     fn put(&mut self, counters: &AgentCounters) -> Result<(), CounterFileError> {
         self.generation += 1;
-        let offset = HEADER + (self.generation % 2) as usize * SLOT;
+        let offset = HEADER_BYTES + (self.generation % 2) as usize * SLOT_BYTES;
         self.file
             .write_all_at(&slot(self.generation, counters), offset as u64)
             .map_err(|e| CounterFileError::Io(self.path.clone(), e))?;
@@ -154,7 +156,7 @@ impl CounterFile {
             Err(e) => return Err(CounterFileError::Io(path, e)),
         };
         let expected = header(id, incarnation);
-        if !bytes.starts_with(&MAGIC) || bytes.len() < HEADER {
+        if !bytes.starts_with(&MAGIC) || bytes.len() < HEADER_BYTES {
             // The process was killed while it created the file.
             return if bytes.is_empty() { Ok(None) } else { Err(CounterFileError::Foreign(path)) };
         }
@@ -162,13 +164,14 @@ impl CounterFile {
         if version != VERSION {
             return Err(CounterFileError::Version(path, version));
         }
-        if bytes[..HEADER] != expected {
+        if bytes[..HEADER_BYTES] != expected {
             return Err(CounterFileError::Foreign(path));
         }
-        if bytes.len() == HEADER {
+        if bytes.len() == HEADER_BYTES {
             return Ok(None);
         }
-        let slots = [0, 1].map(|i| bytes.get(HEADER + i * SLOT..HEADER + (i + 1) * SLOT));
+        let slots =
+            [0, 1].map(|i| bytes.get(HEADER_BYTES + i * SLOT_BYTES..HEADER_BYTES + (i + 1) * SLOT_BYTES));
         slots
             .into_iter()
             .flatten()
@@ -207,8 +210,8 @@ pub fn sent(root: &Path) -> io::Result<u64> {
     Ok(sent)
 }
 
-fn header(id: ModuleId, incarnation: Incarnation) -> [u8; HEADER] {
-    let mut bytes = [0; HEADER];
+fn header(id: ModuleId, incarnation: Incarnation) -> [u8; HEADER_BYTES] {
+    let mut bytes = [0; HEADER_BYTES];
     bytes[..8].copy_from_slice(&MAGIC);
     bytes[8..12].copy_from_slice(&VERSION.to_le_bytes());
     bytes[12..16].copy_from_slice(&id.0.to_le_bytes());
@@ -216,7 +219,7 @@ fn header(id: ModuleId, incarnation: Incarnation) -> [u8; HEADER] {
     bytes
 }
 
-fn slot(generation: u64, counters: &AgentCounters) -> [u8; SLOT] {
+fn slot(generation: u64, counters: &AgentCounters) -> [u8; SLOT_BYTES] {
     let mut numbers = [0u64; NUMBERS];
     numbers[0] = generation;
     for (i, (_, c)) in counters.tally.iter().enumerate() {
@@ -229,12 +232,12 @@ fn slot(generation: u64, counters: &AgentCounters) -> [u8; SLOT] {
     numbers[1 + Class::ALL.len() * 8..][..left.len()].copy_from_slice(&left);
     numbers[1 + Class::ALL.len() * 9..][..loose.len()].copy_from_slice(&loose);
     numbers[NUMBERS - 4..].copy_from_slice(&[foreign, wakes, unrecorded, closed.into()]);
-    let mut bytes = [0; SLOT];
+    let mut bytes = [0; SLOT_BYTES];
     for (chunk, n) in bytes.chunks_exact_mut(8).zip(numbers) {
         chunk.copy_from_slice(&n.to_le_bytes());
     }
-    let sum = crc32fast::hash(&bytes[..SLOT - 4]);
-    bytes[SLOT - 4..].copy_from_slice(&sum.to_le_bytes());
+    let sum = crc32fast::hash(&bytes[..SLOT_BYTES - 4]);
+    bytes[SLOT_BYTES - 4..].copy_from_slice(&sum.to_le_bytes());
     bytes
 }
 
@@ -340,9 +343,9 @@ mod tests {
         file.write(&counters(1)).unwrap();
         file.write(&counters(2)).unwrap();
         // Generation 3 is in slot 1; tear it.
-        file.file.write_all_at(&[0xFF; 40], HEADER as u64 + SLOT as u64).unwrap();
+        file.file.write_all_at(&[0xFF; 40], HEADER_BYTES as u64 + SLOT_BYTES as u64).unwrap();
         assert_eq!(CounterFile::read(dir.path(), ME.0, ME.1).unwrap(), Some(counters(1)));
-        file.file.write_all_at(&[0xFF; 40], HEADER as u64).unwrap();
+        file.file.write_all_at(&[0xFF; 40], HEADER_BYTES as u64).unwrap();
         assert!(matches!(CounterFile::read(dir.path(), ME.0, ME.1), Err(CounterFileError::Damaged(_))));
     }
 
@@ -364,7 +367,7 @@ mod tests {
         fs::write(&file, newer).unwrap();
         assert!(matches!(read(), Err(CounterFileError::Version(_, v)) if v == VERSION + 1));
         let mut garbage = header(ME.0, ME.1).to_vec();
-        garbage.extend([7; SLOT * 3]);
+        garbage.extend([7; SLOT_BYTES * 3]);
         fs::write(&file, garbage).unwrap();
         assert!(matches!(read(), Err(CounterFileError::Damaged(_))));
     }

@@ -8,7 +8,7 @@ use thiserror::Error;
 /// The parent of run directories: memory, since setting up on a disk takes six times as long.
 pub const HOME: &str = "/dev/shm";
 /// The prefix of every run's name.
-pub const MARK: &str = "mm";
+pub const NAME_PREFIX: &str = "mm";
 /// Length of a run's name in bytes. Short, because socket paths end at 108 bytes.
 const LENGTH: usize = 12;
 const DIGITS: &[u8; 36] = b"0123456789abcdefghijklmnopqrstuvwxyz";
@@ -20,14 +20,14 @@ pub struct RunName(String);
 /// A path or name that is not that of a run's directory.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error(
-    "`{0}` is not the directory of a run, which is {HOME}/{MARK} followed by ten digits or lower-case letters"
+    "`{0}` is not the directory of a run, which is {HOME}/{NAME_PREFIX} followed by ten digits or lower-case letters"
 )]
 pub struct RunNameError(String);
 
 impl RunName {
     /// Returns a name for a run of `user`; `salt` makes it differ from the user's other runs.
     pub fn new(user: u32, salt: u64) -> RunName {
-        RunName(format!("{MARK}{}{}", base36(user.into(), 4), base36(mix(salt), 6)))
+        RunName(format!("{NAME_PREFIX}{}{}", base36(user.into(), 4), base36(mix(salt), 6)))
     }
 
     /// Parses the name of a run's directory.
@@ -36,7 +36,7 @@ impl RunName {
     /// If it is not the name of a run.
     pub fn parse(name: &str) -> Result<RunName, RunNameError> {
         let good = name.len() == LENGTH
-            && name.starts_with(MARK)
+            && name.starts_with(NAME_PREFIX)
             && name.bytes().all(|b| b.is_ascii_lowercase() || b.is_ascii_digit());
         if good { Ok(RunName(name.to_owned())) } else { Err(RunNameError(name.to_owned())) }
     }

@@ -11,7 +11,7 @@ use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Frame;
 
 /// Tag bit of a frame that the link model has damaged.
-const DAMAGED: u8 = 0x80;
+const DAMAGED_MASK: u8 = 0x80;
 
 /// A frame on its way.
 #[derive(Clone, Copy, Debug, ZeroCopySend)]
@@ -36,7 +36,7 @@ impl SharedFrame {
 
     /// Returns the frame marked as damaged; `class` is the class that it was sent in.
     pub fn damaged(self, class: Class) -> SharedFrame {
-        SharedFrame { tag: DAMAGED | class.index() as u8, ..self }
+        SharedFrame { tag: DAMAGED_MASK | class.index() as u8, ..self }
     }
 
     /// Returns the frame, unchecked.
@@ -51,7 +51,7 @@ impl SharedFrame {
 
     /// Returns the class that a damaged frame was sent in; `None` if the link has not damaged it.
     pub fn damaged_class(&self) -> Option<Class> {
-        (self.tag & DAMAGED != 0).then(|| Class::from_index(self.tag & !DAMAGED)).flatten()
+        (self.tag & DAMAGED_MASK != 0).then(|| Class::from_index(self.tag & !DAMAGED_MASK)).flatten()
     }
 }
 

@@ -7,12 +7,14 @@ use metamorph_agents::metamodule::pose::{Load, Pose, to_world};
 use metamorph_agents::metamodule::setup::Setup;
 use metamorph_core::lattice::{Cell, Face};
 use metamorph_planning::manipulation::element::{Element, Grip};
-use metamorph_planning::manipulation::load::{Limits, Peak};
+use metamorph_planning::manipulation::load::{LoadLimits, Peak};
 use metamorph_planning::manipulation::scene::{Foothold, Scene, hand_overs};
 use metamorph_planning::manipulation::terrain::Terrain;
-use metamorph_planning::manipulation::transport::{Answer, Reason, Refutations, Task, plan as search};
-use metamorph_planning::manipulation::verification::{Action, BodyAction};
-use metamorph_planning::manipulation::walking::{Body, Ground, Motion};
+use metamorph_planning::manipulation::transport::{
+    Answer, Refutations, Task, TransportReason, plan as search,
+};
+use metamorph_planning::manipulation::verification::{BodyAction, MoverAction};
+use metamorph_planning::manipulation::walking::{Body, Motion, WalkingGround};
 use metamorph_roombots::Kind;
 use metamorph_roombots::lattice_pose::{LatticePose, LatticeRotation};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -24,9 +26,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 const WEIGHT: u32 = 500;
 /// The most connectors of a floor on which transports are planned: footholds have 16 bits.
 const MAX_CONNECTORS: usize = 16_000;
-/// Floors with at most so many connectors are looked at as a whole.
-const WHOLE_FLOOR: usize = 400;
-/// Connectors around what concerns a transport that are looked at on larger floors.
+/// Largest number of connectors of a floor that is planned for as a whole.
+const WHOLE_FLOOR_MAX: usize = 400;
+/// Width of the margin around the places of a transport, in connectors, that is planned for on larger floors.
 const MARGIN: i16 = 6;
 /// Work of planning one transport, in placements examined, as scenario time is taken for it: a constant, since most of
 /// it is the making of graphs that depend on the floor only.
@@ -75,7 +77,7 @@ pub enum TransportAnswer {
     /// A plan.
     Plan(TransportPlan),
     /// There is no plan with lattice angles in which the element is always held.
-    Infeasible(Reason),
+    Infeasible(TransportReason),
     /// Neither a plan nor a proof was found.
     Undecided,
 }
@@ -114,7 +116,7 @@ struct SceneKey {
     shape: Element,
     grams: u32,
     grips: Vec<Grip>,
-    limits: Limits,
+    limits: LoadLimits,
     with_hand_overs: bool,
 }
 
@@ -175,7 +177,7 @@ pub fn plan_transport(at: &Standstill, transport: &Transport<'_>, scenes: &Scene
     for means in means {
         answer = planned(at, transport, scenes, means);
         let is_settled =
-            matches!(answer, TransportAnswer::Plan(_) | TransportAnswer::Infeasible(Reason::Colour));
+            matches!(answer, TransportAnswer::Plan(_) | TransportAnswer::Infeasible(TransportReason::Colour));
         if is_settled {
             return answer;
         }
@@ -195,7 +197,7 @@ fn planned(at: &Standstill, transport: &Transport<'_>, scenes: &Scenes, means: M
     let loads = setup.elements.loads_of(element);
     let scene = scenes.of(setup, element, means.hand_overs);
     let window = window(at, transport);
-    let ground = Ground::new(&scene, |c| {
+    let ground = WalkingGround::new(&scene, |c| {
         window.as_ref().is_none_or(|[x, y]| x.contains(&(c.half[0] / 2)) && y.contains(&(c.half[1] / 2)))
     });
     let body = |pose: &Pose| Some(Body { foothold: foothold(setup, *pose)?, posture: pose.posture });
@@ -231,7 +233,7 @@ fn planned(at: &Standstill, transport: &Transport<'_>, scenes: &Scenes, means: M
 
 /// Returns the part of a large floor that is examined: around the element, its goal, and the free metamodules.
 fn window(at: &Standstill, transport: &Transport<'_>) -> Option<[RangeInclusive<i16>; 2]> {
-    if at.setup.floor.connectors() <= WHOLE_FLOOR {
+    if at.setup.floor.connectors() <= WHOLE_FLOOR_MAX {
         return None;
     }
     let feet = at.free.iter().map(|pose| pose.foot());
@@ -279,10 +281,10 @@ pub fn foot(pose: Pose) -> LatticePose {
 }
 
 /// Returns the steps of a plan. Turns of a metamodule without an element become one step, since it finds its own way.
-fn steps_of(at: &Standstill, loads: &[Load], actions: &[Action]) -> Option<(Vec<TransportStep>, Peak)> {
+fn steps_of(at: &Standstill, loads: &[Load], actions: &[MoverAction]) -> Option<(Vec<TransportStep>, Peak)> {
     let (setup, mut poses) = (&at.setup, at.free.clone());
     let (mut steps, mut peak): (Vec<TransportStep>, Peak) = (Vec::new(), Peak::default());
-    for Action { mover, body_action } in actions {
+    for MoverAction { mover, body_action } in actions {
         let from = poses[*mover];
         let (to, action) = match body_action {
             BodyAction::Move(Motion::Turn { to, .. }) => {

@@ -13,12 +13,12 @@ use metamorph_agents::metamodule::planning::paths::Ground;
 use metamorph_agents::metamodule::pose::{Load, Pose};
 use metamorph_core::lattice::Cell;
 use metamorph_planning::manipulation::load::Peak;
-use metamorph_planning::manipulation::transport::{Reason, Refutations};
+use metamorph_planning::manipulation::transport::{Refutations, TransportReason};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Swarms with at most so many free metamodules are looked at as a whole for each transport.
-const WHOLE_SWARM: usize = 6;
-/// The most metamodules that are looked at at a time in larger swarms: the holders, then the nearest.
+/// Largest number of free metamodules of a swarm that is considered as a whole for each transport.
+const WHOLE_SWARM_MAX: usize = 6;
+/// The most metamodules that are examined at a time in larger swarms: the holders, then the nearest.
 const MAX_BODIES: usize = 4;
 /// The edges that are taken out in a search that does not examine the whole swarm. One that is not examined may be in
 /// the way wherever the others stand. In a swarm of 200 with 50 cubes on 100 x 60 connectors 36 plans take none, and
@@ -61,7 +61,7 @@ pub struct Transports {
     /// The largest torques while elements are carried.
     pub peak: Peak,
     /// The elements without a transport, and why if there is none.
-    pub failed: Vec<(usize, Option<Reason>)>,
+    pub failed: Vec<(usize, Option<TransportReason>)>,
     /// The number of searches.
     pub searches: usize,
 }
@@ -178,7 +178,7 @@ impl Schedule {
             .filter(|i| !self.seated[*i])
             .filter(|i| self.at.free[*i].load == Load::NONE || of.holders.contains(i))
             .collect();
-        if free.len() <= WHOLE_SWARM {
+        if free.len() <= WHOLE_SWARM_MAX {
             return (vec![free], Refutations::DEFAULT);
         }
         let nearest = |first: &[Cell], second: &[Cell]| {

@@ -101,12 +101,12 @@ impl Attraction {
         self.expires = Time::NEVER;
     }
     /// Makes the next step recompute the field of all faces.
-    pub fn touch(&mut self) {
+    pub fn invalidate(&mut self) {
         (self.stale, self.dirty) = (true, ALL_FACES);
     }
     /// Makes the next step recompute the field of the faces in a mask, the only ones that may come out
     /// differently.
-    pub fn touch_faces(&mut self, faces: u8) {
+    pub fn invalidate_faces(&mut self, faces: u8) {
         self.stale = true;
         self.dirty |= faces;
     }
@@ -150,7 +150,7 @@ impl Attraction {
         self.corners[i] |= corners;
         self.corners_until[i] = v.now + v.params().corner_hint;
         if known != self.corners[i] {
-            self.touch();
+            self.invalidate();
         }
     }
 
@@ -162,7 +162,7 @@ impl Attraction {
         for since in self.unfilled_since.iter_mut().flatten() {
             *since = (*since).max(earliest);
         }
-        self.touch();
+        self.invalidate();
     }
 
     /// Returns the distance to announce for the cell outside a face, if this finalized module wants that cell filled:

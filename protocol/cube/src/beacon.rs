@@ -121,11 +121,11 @@ impl Beacons {
         *sender = Sender { sent_at: sender.sent_at, ..Sender::NEW };
     }
     /// Makes the next step compare all beacons with those sent last.
-    pub fn touch(&mut self) {
-        self.touch_faces(super::attraction::ALL_FACES);
+    pub fn invalidate(&mut self) {
+        self.invalidate_faces(super::attraction::ALL_FACES);
     }
-    /// Does what [`Beacons::touch`] does, if only the beacons of the faces in a mask may differ.
-    pub fn touch_faces(&mut self, faces: u8) {
+    /// Does what [`Beacons::invalidate`] does, if only the beacons of the faces in a mask may differ.
+    pub fn invalidate_faces(&mut self, faces: u8) {
         for (face, sender) in Face::ALL.into_iter().zip(&mut self.senders) {
             sender.stale = true;
             if faces & face.bit() != 0 {

@@ -53,20 +53,20 @@ impl Step {
 
 /// The steps of a module one after the other, from a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Way {
+pub struct Walk {
     from: Cell,
     len: u8,
     /// The steps, packed; zero behind the last.
     steps: [u8; MAX_STEPS],
 }
 
-impl Way {
+impl Walk {
     /// Creates a way of at least one step and at most [`MAX_STEPS`].
-    pub fn new(from: Cell, steps: &[Step]) -> Option<Way> {
+    pub fn new(from: Cell, steps: &[Step]) -> Option<Walk> {
         if steps.is_empty() || steps.len() > MAX_STEPS {
             return None;
         }
-        let mut way = Way { from, len: steps.len() as u8, steps: [0; MAX_STEPS] };
+        let mut way = Walk { from, len: steps.len() as u8, steps: [0; MAX_STEPS] };
         for (slot, step) in way.steps.iter_mut().zip(steps) {
             *slot = step.pack();
         }
@@ -95,14 +95,14 @@ impl Way {
     }
 }
 
-impl Field for Way {
+impl Field for Walk {
     fn put(&self, out: &mut Encoder) {
         out.cell(self.from);
         out.u8(self.len);
         self.steps[..usize::from(self.len)].iter().for_each(|byte| out.u8(*byte));
     }
-    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Way, WireError> {
-        let mut way = Way { from: from.cell()?, len: from.u8()?, steps: [0; MAX_STEPS] };
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Walk, WireError> {
+        let mut way = Walk { from: from.cell()?, len: from.u8()?, steps: [0; MAX_STEPS] };
         let used = usize::from(way.len);
         if !(1..=MAX_STEPS).contains(&used) {
             return Err(WireError::Field("way"));
@@ -119,7 +119,7 @@ impl Field for Way {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Called {
     until: Time,
-    way: Way,
+    way: Walk,
     /// The number of steps made.
     made: u8,
 }
@@ -132,7 +132,7 @@ impl Called {
 
 impl Cube {
     /// Takes a call, if the module stands where it begins. It replaces the call before.
-    pub(super) fn on_call(&mut self, now: Time, epoch: Epoch, until: Time, way: Way) {
+    pub(super) fn on_call(&mut self, now: Time, epoch: Epoch, until: Time, way: Walk) {
         let fits = epoch == self.own.epoch && way.from() == self.own.cell && self.moving.is_none();
         if !fits || until <= now || self.own.role == Role::Final {
             return;
@@ -141,7 +141,7 @@ impl Cube {
         self.abort_attempt(now, None);
         self.planner.end_back_off(now);
         self.called = Some(Box::new(Called { until, way, made: 0 }));
-        self.touch();
+        self.invalidate();
         self.decide_soon(now);
     }
 
@@ -175,7 +175,7 @@ impl Cube {
     pub(super) fn tend_call(&mut self, now: Time) {
         if self.called.take_if(|called| now >= called.until).is_some() {
             self.abort_attempt(now, None);
-            self.touch();
+            self.invalidate();
             self.decide_soon(now);
         }
     }
@@ -262,7 +262,7 @@ mod tests {
                 Input::Order(Order::Condemn { port, session, epoch: HERE, finalized: false, died }),
             );
         }
-        let way = Way::new(from, &[step]).unwrap();
+        let way = Walk::new(from, &[step]).unwrap();
         cube.handle(now, Input::Order(Order::Call { epoch, until: now + lasts, way }));
         std::iter::from_fn(|| cube.poll()).find_map(|output| match output {
             Output::Act(action) => Some(action),
@@ -300,7 +300,7 @@ mod tests {
             let steering = Steering::GoTo(Cell::new(5, 0, 0));
             cube.handle(now, Input::Order(Order::Steer { steering, until }));
             if is_called {
-                let way = Way::new(Cell::default(), &[step]).unwrap();
+                let way = Walk::new(Cell::default(), &[step]).unwrap();
                 cube.handle(now, Input::Order(Order::Call { epoch, until, way }));
             }
             let actions = std::iter::from_fn(|| cube.poll()).filter_map(|output| match output {
@@ -353,10 +353,10 @@ mod tests {
     #[test]
     fn ways_are_bounded_and_checked() {
         let steps = vec![step(MotionKind::Convex, false); MAX_STEPS];
-        let way = Way::new(Cell::new(1, 2, 3), &steps).unwrap();
+        let way = Walk::new(Cell::new(1, 2, 3), &steps).unwrap();
         assert_eq!(way.steps().collect::<Vec<Step>>(), steps);
-        assert_eq!(Way::new(Cell::default(), &[]), None);
-        assert_eq!(Way::new(Cell::default(), &[steps[0]; MAX_STEPS + 1]), None);
+        assert_eq!(Walk::new(Cell::default(), &[]), None);
+        assert_eq!(Walk::new(Cell::default(), &[steps[0]; MAX_STEPS + 1]), None);
         let order = Order::Call { epoch: HERE, until: Time(2), way };
         assert!(order.wire_len() <= HEADER + PAYLOAD);
         // A heading along the support is no motion.

@@ -79,7 +79,7 @@ fn news_is_followed() {
 fn a_face_that_is_wrongly_left_alone_is_seen() {
     let (mut cube, now) = beside_one();
     hear_secretly(&mut cube, now, beacon(2, 16));
-    cube.attraction.touch_faces(0);
+    cube.attraction.invalidate_faces(0);
     cube.handle(now, Input::Wake);
 }
 
@@ -89,6 +89,6 @@ fn a_beacon_that_is_wrongly_not_composed_is_seen() {
     let (mut cube, now) = beside_one();
     // The neighbour in the north is told of blocked corners.
     cube.planner.corners_seen[Face::North.index()] = 1;
-    cube.beacons.touch_faces(0);
+    cube.beacons.invalidate_faces(0);
     cube.handle(now + Span::millis(500), Input::Wake);
 }

@@ -1,6 +1,6 @@
 //! Orders of the world-controller to a cube, and reports of a cube to it.
 
-use super::call::Way;
+use super::call::Walk;
 use super::epoch::{Epoch, Opening};
 use super::message::Role;
 use super::steering::Steering;
@@ -46,7 +46,7 @@ pub enum Order {
         /// The end of the call.
         until: Time,
         /// The way.
-        way: Way,
+        way: Walk,
     },
     /// Stay, and keep a cell free for a module that is called over a dead one and cannot ask for it itself.
     Carry {

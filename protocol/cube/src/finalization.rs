@@ -67,6 +67,6 @@ impl Cube {
         self.forest.on_finalized();
         self.planner.on_finalized();
         self.called = None;
-        self.touch();
+        self.invalidate();
     }
 }

@@ -314,9 +314,9 @@ impl Cube {
     }
 
     /// Marks all derived state as out of date.
-    fn touch(&mut self) {
-        self.attraction.touch();
-        self.beacons.touch();
+    fn invalidate(&mut self) {
+        self.attraction.invalidate();
+        self.beacons.invalidate();
     }
 
     fn on_contact(&mut self, now: Time, port: Port, session: Option<Session>) {
@@ -344,7 +344,7 @@ impl Cube {
             // A new neighbour may hang on this module alone, and has not been asked.
             self.abort_attempt(now, None);
         }
-        self.touch();
+        self.invalidate();
         self.decide_soon(now);
     }
 
@@ -413,11 +413,11 @@ impl Cube {
             }
         }
         match news {
-            News::All => self.touch(),
+            News::All => self.invalidate(),
             News::Field(faces) => {
-                self.attraction.touch_faces(faces);
+                self.attraction.invalidate_faces(faces);
                 // The neighbour may have become a child.
-                self.beacons.touch_faces(faces | face.bit());
+                self.beacons.invalidate_faces(faces | face.bit());
             }
         }
         self.decide_soon(now);
@@ -434,7 +434,7 @@ impl Cube {
                     self.sides.certify_dead(face, finalized.then_some(epoch));
                     let v = View { now, own: &self.own, sides: &self.sides };
                     self.forest.begin_custody(v, face, died);
-                    self.touch();
+                    self.invalidate();
                     self.decide_soon(now);
                 }
             }
@@ -447,7 +447,7 @@ impl Cube {
                 self.hear_of_epoch(now, announcement.epoch);
                 let v = View { now, own: &self.own, sides: &self.sides };
                 self.forest.hear_of_custody(v, &announcement);
-                self.touch();
+                self.invalidate();
                 self.decide_soon(now);
             }
         }
@@ -487,7 +487,7 @@ impl Cube {
         self.planner.on_goal();
         self.attraction.on_goal();
         self.called = None;
-        self.touch();
+        self.invalidate();
     }
 
     /// Checks whether a module in reserve may leave the body, as far as it knows: it is attached, or at the end of a
@@ -521,7 +521,7 @@ impl Cube {
         let v = View { now, own: &self.own, sides: &self.sides };
         let tended = self.attraction.tend(v);
         if tended.changed != 0 {
-            self.beacons.touch_faces(beside_any(tended.changed));
+            self.beacons.invalidate_faces(beside_any(tended.changed));
         }
         self.wanted = tended.wanted;
         let is_final = |f: &Face| v.support(*f).is_some_and(|b| v.is_final(b));
@@ -565,7 +565,7 @@ impl Cube {
             (self.own.role, self.own.support) = (Role::Reserve, None);
         }
         if effect != Effect::None || is_news || is_parked {
-            self.touch();
+            self.invalidate();
         }
         if effect == Effect::TellAndDecide {
             self.decide_soon(now);

@@ -216,7 +216,7 @@ impl Denial {
     pub fn is_collision(self) -> bool {
         matches!(self, Denial::Occupied | Denial::Reserved)
     }
-    pub(super) fn mark(self) -> CoveragePoint {
+    pub(super) fn coverage_point(self) -> CoveragePoint {
         match self {
             Denial::Occupied => CoveragePoint::CubeDeniedOccupied,
             Denial::Reserved => CoveragePoint::CubeDeniedReserved,
@@ -322,23 +322,25 @@ pub enum Reached {
 }
 
 impl Reached {
-    const ROOT: u8 = 0xFF;
-    const DEAD: u8 = 0x10;
+    /// Code of [`Reached::Root`].
+    const ROOT_CODE: u8 = 0xFF;
+    /// Mask of the bit that marks [`Reached::Dead`]; the others hold the face.
+    const DEAD_MASK: u8 = 0x10;
 }
 
 impl Field for Reached {
     fn put(&self, out: &mut Encoder) {
         out.u8(match self {
-            Reached::Root => Reached::ROOT,
+            Reached::Root => Reached::ROOT_CODE,
             Reached::Neighbour(face) => *face as u8,
-            Reached::Dead(face) => Reached::DEAD | *face as u8,
+            Reached::Dead(face) => Reached::DEAD_MASK | *face as u8,
         });
     }
     fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Reached, WireError> {
         let face = |index| Face::from_index(index).ok_or(WireError::Field("reached"));
         match from.u8()? {
-            Reached::ROOT => Ok(Reached::Root),
-            byte if byte & Reached::DEAD != 0 => face(byte & !Reached::DEAD).map(Reached::Dead),
+            Reached::ROOT_CODE => Ok(Reached::Root),
+            byte if byte & Reached::DEAD_MASK != 0 => face(byte & !Reached::DEAD_MASK).map(Reached::Dead),
             byte => face(byte).map(Reached::Neighbour),
         }
     }

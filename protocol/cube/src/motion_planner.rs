@@ -43,7 +43,7 @@ struct Target {
 }
 
 /// A motion that leads towards a target.
-struct Course {
+struct Candidate {
     moves: u16,
     source: u32,
     /// True if the support is not finalized; a finalized one is steadier.
@@ -63,9 +63,9 @@ pub(super) enum DigestPart {
 
 /// The motions over the supports of a module, by what the module knows of them.
 #[derive(Default)]
-pub(super) struct Courses {
+pub(super) struct Candidates {
     /// Motions towards a target, over every live support.
-    known: Vec<Course>,
+    known: Vec<Candidate>,
     /// Motions to free cells from which no distance to a target is known.
     blind: Vec<Motion>,
     /// For each support, headings whose corner is blocked.
@@ -204,13 +204,13 @@ impl MotionPlanner {
     }
 
     /// Chooses a motion, or when to decide again.
-    fn choose(&mut self, v: View<'_>, courses: &Courses, rng: &mut Rng) -> Option<Motion> {
-        let Some(nearest) = courses.known.iter().map(|o| o.moves).min() else {
+    fn choose(&mut self, v: View<'_>, candidates: &Candidates, rng: &mut Rng) -> Option<Motion> {
+        let Some(nearest) = candidates.known.iter().map(|o| o.moves).min() else {
             self.stop_waiting();
             return None;
         };
         if v.own.role == Role::Reserve
-            && let Some(source) = courses.known.iter().find(|o| o.moves == nearest).map(|o| o.source)
+            && let Some(source) = candidates.known.iter().find(|o| o.moves == nearest).map(|o| o.source)
         {
             let go = self.heard_since(v.now, source) + v.params().recruit_per_move * u64::from(nearest);
             if v.now < go {
@@ -223,9 +223,9 @@ impl MotionPlanner {
             p if p > WIDE_DETOUR && rng.chance(QUARTER) => 2,
             _ => 1,
         };
-        let Some(best) = best_of(&courses.known, nearest + slack, rng) else {
+        let Some(best) = best_of(&candidates.known, nearest + slack, rng) else {
             hit(CoveragePoint::CubeBehindWalker);
-            self.waits_for = courses.known.iter().find_map(|o| o.behind);
+            self.waits_for = candidates.known.iter().find_map(|o| o.behind);
             self.waiting_since.get_or_insert(v.now);
             self.decide_later(v.now, v.params());
             return None;
@@ -255,18 +255,18 @@ impl MotionPlanner {
     }
 }
 
-/// Returns the best course that is free and no longer than `longest`; of equally good ones, a random one.
-fn best_of<'a>(courses: &'a [Course], longest: u16, rng: &mut Rng) -> Option<&'a Course> {
-    let key = |o: &Course| (o.moves, o.over_loose);
-    let mut best: Option<&Course> = None;
+/// Returns the best candidate that is free and no longer than `longest`; of equally good ones, a random one.
+fn best_of<'a>(candidates: &'a [Candidate], longest: u16, rng: &mut Rng) -> Option<&'a Candidate> {
+    let key = |o: &Candidate| (o.moves, o.over_loose);
+    let mut best: Option<&Candidate> = None;
     let mut ties = 0;
-    for course in courses.iter().filter(|o| o.behind.is_none() && o.moves <= longest) {
-        match best.map(|b| key(course).cmp(&key(b))) {
-            None | Some(core::cmp::Ordering::Less) => (best, ties) = (Some(course), 1),
+    for candidate in candidates.iter().filter(|o| o.behind.is_none() && o.moves <= longest) {
+        match best.map(|b| key(candidate).cmp(&key(b))) {
+            None | Some(core::cmp::Ordering::Less) => (best, ties) = (Some(candidate), 1),
             Some(core::cmp::Ordering::Equal) => {
                 ties += 1;
                 if rng.below(ties) == 0 {
-                    best = Some(course);
+                    best = Some(candidate);
                 }
             }
             Some(core::cmp::Ordering::Greater) => {}
@@ -275,23 +275,27 @@ fn best_of<'a>(courses: &'a [Course], longest: u16, rng: &mut Rng) -> Option<&'a
     best
 }
 
-impl Courses {
+impl Candidates {
     /// Iterates over the motions that no walker is in the way of.
     pub fn free(&self) -> impl Iterator<Item = Motion> {
-        let known = self.known.iter().filter(|course| course.behind.is_none()).map(|course| course.motion);
+        let known = self
+            .known
+            .iter()
+            .filter(|candidate| candidate.behind.is_none())
+            .map(|candidate| candidate.motion);
         known.chain(self.blind.iter().copied())
     }
 
     /// Evaluates the motions over every live support; those that lead to no known target only if `all` are asked for.
-    fn around(v: View<'_>, all: bool) -> Courses {
-        let mut courses = Courses::default();
+    fn around(v: View<'_>, all: bool) -> Candidates {
+        let mut candidates = Candidates::default();
         for support in Face::in_mask(v.sides.support_mask()) {
             let Some(b) = v.support(support) else { continue };
             for (slot, heading) in support.perpendicular().into_iter().enumerate() {
-                courses.add(v, all, (b, slot), support, heading);
+                candidates.add(v, all, (b, slot), support, heading);
             }
         }
-        courses
+        candidates
     }
 
     fn add(&mut self, v: View<'_>, all: bool, (b, slot): (&Beacon, usize), support: Face, heading: Face) {
@@ -311,7 +315,7 @@ impl Courses {
         let (entry, motion) = (b.field[slot], Motion { kind, support, heading });
         if entry.is_known() {
             let (moves, source, over_loose) = (entry.moves(), entry.source, b.role != Role::Final);
-            self.known.push(Course { moves, source, over_loose, motion, behind });
+            self.known.push(Candidate { moves, source, over_loose, motion, behind });
         } else if behind.is_none() && all {
             self.blind.push(motion);
         }
@@ -345,7 +349,7 @@ impl Cube {
             // one does not: it may be a coincidence.
             self.own.immobile = false;
             self.planner.failed = self.own.params().immobile_after / 2;
-            self.touch();
+            self.invalidate();
         }
         let steered = self.steered_at(now).filter(|_| !self.own.is_closed);
         let is_called = steered.is_none() && self.call_ends().is_some();
@@ -389,19 +393,19 @@ impl Cube {
             return;
         }
         let v = View { now, own: &self.own, sides: &self.sides };
-        let courses = Courses::around(v, steered.is_some());
-        if courses.corners != self.planner.corners_seen && self.own.role == Role::Walker {
+        let candidates = Candidates::around(v, steered.is_some());
+        if candidates.corners != self.planner.corners_seen && self.own.role == Role::Walker {
             hit(CoveragePoint::CubeCornerSeen);
-            self.planner.corners_seen = courses.corners;
-            self.beacons.touch();
+            self.planner.corners_seen = candidates.corners;
+            self.beacons.invalidate();
         }
         let motion = match steered {
             Some(Steered { steering: Steering::GoTo(to), until }) => {
                 // It looks again when a neighbour tells something new.
                 self.planner.decide_at = until;
-                towards(self.own.cell, to, &courses, &mut self.rng)
+                towards(self.own.cell, to, &candidates, &mut self.rng)
             }
-            _ => self.planner.choose(v, &courses, &mut self.rng),
+            _ => self.planner.choose(v, &candidates, &mut self.rng),
         };
         if let Some(motion) = motion {
             self.begin_attempt(now, motion);
@@ -430,7 +434,7 @@ impl Cube {
             }
             Percept::Refused(why) => self.on_refused(now, &attempt, why),
         }
-        self.touch();
+        self.invalidate();
     }
 
     fn on_refused(&mut self, now: Time, attempt: &Attempt, why: Refusal) {
@@ -458,15 +462,15 @@ impl Cube {
         self.planner.on_arrival();
         self.locks.clear();
         self.on_step(cell);
-        self.touch();
+        self.invalidate();
     }
 }
 
-/// Returns a motion that is free and brings a module nearest to a cell; of equally good ones, a random one. `None` if no
-/// motion brings it nearer than it is.
-fn towards(cell: Cell, to: Cell, courses: &Courses, rng: &mut Rng) -> Option<Motion> {
+/// Returns a motion that is free and brings a module nearest to a cell; of equally good ones, a random one. `None` if
+/// no motion brings it nearer than it is.
+fn towards(cell: Cell, to: Cell, candidates: &Candidates, rng: &mut Rng) -> Option<Motion> {
     let nearer = |motion: &Motion| motion.destination(cell).manhattan(to) < cell.manhattan(to);
-    let mut motions: Vec<Motion> = courses.free().filter(nearer).collect();
+    let mut motions: Vec<Motion> = candidates.free().filter(nearer).collect();
     let nearest = motions.iter().map(|motion| motion.destination(cell).manhattan(to)).min()?;
     motions.retain(|motion| motion.destination(cell).manhattan(to) == nearest);
     motions.get(rng.below(motions.len() as u64) as usize).copied()

@@ -172,7 +172,7 @@ impl Cube {
         let verdict = self.consider(now, id, age, (next, is_last), ask);
         match (verdict, next) {
             (Err((denial, blocker)), _) => {
-                hit(denial.mark());
+                hit(denial.coverage_point());
                 self.answer(from, id, hop - 1, Some(denial), blocker, 0, route);
             }
             (Ok(()), Some(next)) if self.sides.is_certified_dead(next) => {
@@ -369,7 +369,7 @@ impl Cube {
             let motion = attempt.motion;
             self.out.push(Output::Act(super::Move { motion, not_after }));
             self.moving = Some(attempt);
-            self.touch();
+            self.invalidate();
         }
     }
 

@@ -34,8 +34,9 @@ use packet::{Content, Life, Packet, Proof, Terms};
 use session::{Session, Status};
 use std::collections::VecDeque;
 
-/// The most lives of the other host that a link remembers as ended. A host that restarts more often is not taken back.
-const MOST_ENDED: usize = 64;
+/// The largest number of lives of the other host that a link remembers as ended. A host that restarts more often is
+/// not taken back.
+const ENDED_MAX: usize = 64;
 
 /// The numbers of greetings that may still be answered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -444,7 +445,7 @@ impl<P: Prover> HostLink<P> {
 
     /// Begins the link to another life of the other host; `echoed` is when this end sent what that life has answered.
     fn meet(&mut self, now: Time, life: Life, echoed: Time, terms: Terms) -> Result<(), Refused> {
-        if self.ended.len() == MOST_ENDED {
+        if self.ended.len() == ENDED_MAX {
             return Err(Refused::OtherLife);
         }
         if let Some(mut old) = self.session.take() {

@@ -45,7 +45,7 @@ pub const MAX_PART: usize = MAX_PACKET - HEADER - 8;
 pub const FRAMES_HEADER: usize = 10;
 
 const MAGIC: [u8; 4] = *b"MMTR";
-const CLASSES: usize = metamorph_core::counters::Class::ALL.len();
+const CLASS_COUNT: usize = metamorph_core::counters::Class::ALL.len();
 
 /// One start of a host daemon: 64 random bits. A restarted daemon has another life.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -86,7 +86,7 @@ pub struct Ack {
     /// The number of the next frame; all before it have been taken or are lost.
     pub expected: u64,
     /// The number of frames taken, by class.
-    pub taken: [u64; CLASSES],
+    pub taken: [u64; CLASS_COUNT],
     /// The sender's clock when it sent this.
     pub clock: Time,
     /// The clock in the latest ack that the sender has received, and the sender's own clock when it received that.
@@ -358,7 +358,7 @@ fn read_frame(from: &mut Reader<'_>) -> Result<Frame, PacketError> {
 
 fn read_ack(from: &mut Reader<'_>) -> Result<Ack, PacketError> {
     let (stream, bulk, expected) = (from.u64()?, from.u64()?, from.u64()?);
-    let mut taken = [0; CLASSES];
+    let mut taken = [0; CLASS_COUNT];
     for count in &mut taken {
         *count = from.u64()?;
     }
@@ -459,7 +459,7 @@ mod tests {
                 .prop_map(|(first, n)| Content::Frames { first, frames: (0..n).map(frame).collect() }),
             (any::<u64>(), bytes()).prop_map(|(offset, bytes)| Content::Stream { offset, bytes }),
             (any::<u64>(), bytes()).prop_map(|(offset, bytes)| Content::Bulk { offset, bytes }),
-            (any::<[u64; 4]>(), any::<[u64; CLASSES]>(), echo).prop_map(
+            (any::<[u64; 4]>(), any::<[u64; CLASS_COUNT]>(), echo).prop_map(
                 |([stream, bulk, expected, clock], taken, echo)| {
                     Content::Ack(Ack { stream, bulk, expected, taken, clock: Time(clock), echo })
                 }

@@ -14,8 +14,8 @@ use crate::plan::{Cost, Limits, Outcome, Path, Space, Step, actions};
 use siphasher::sip::SipHasher13;
 use std::hash::{Hash, Hasher};
 
-/// Expansions between two looks at the limits.
-const SLICE: u64 = 256;
+/// Number of expansions between two checks of the limits.
+const SLICE_EXPANSIONS: u64 = 256;
 /// Bytes of a module in a key that tells modules apart: cell, rotation, posture, connectors.
 const KEY: usize = 7;
 
@@ -157,7 +157,7 @@ impl Planner {
     ) -> (Planned, u64) {
         let mut search = Portfolio::new(space.clone(), start, self.limits, self.weight);
         let outcome = loop {
-            if let Step::Done(outcome) = search.advance(SLICE) {
+            if let Step::Done(outcome) = search.advance(SLICE_EXPANSIONS) {
                 break outcome;
             }
         };

@@ -6,8 +6,8 @@ use metamorph_planning::manipulation::carry::CarryTable;
 use metamorph_planning::manipulation::contact::ElementSweeper;
 use metamorph_planning::manipulation::element::Element;
 use metamorph_planning::manipulation::handover::HandoverTable;
-use metamorph_planning::manipulation::load::{Limits, LoadTable, standing_peak};
-use metamorph_planning::manipulation::stride::{Estimate, Strides};
+use metamorph_planning::manipulation::load::{LoadLimits, LoadTable, standing_peak};
+use metamorph_planning::manipulation::torque_walk::{Estimate, MoveGraph};
 use metamorph_roombots::database::Database;
 use metamorph_roombots::grid::GridState;
 use metamorph_roombots::{Kind, torque};
@@ -36,7 +36,7 @@ fn kind(value: &Value) -> Kind {
 fn sizes(carry: &CarryTable) -> [usize; 6] {
     let loads = LoadTable::new(DATABASE.table(carry.kind()), carry, Face::Down);
     let within = |grams: u32| {
-        carry.connected(|_| true, |step| loads.peak(step, grams).within(Limits::NOMINAL))[0].len()
+        carry.connected(|_| true, |step| loads.peak(step, grams).within(LoadLimits::NOMINAL))[0].len()
     };
     let [a, b, c, d, e] = MASSES.map(|(_, grams)| within(grams));
     [carry.main_set().len(), a, b, c, d, e]
@@ -131,7 +131,7 @@ fn hand_overs_of_a_cube() {
 }
 
 #[test]
-fn strides_under_limits_of_torque() {
+fn moves_under_limits_of_torque() {
     let rows = VECTORS["torque_experiment"]["PAR"].as_object().unwrap();
     for (name, row) in rows {
         let (estimate, limits) = name.split_once(' ').unwrap_or((name, "5/2.5"));
@@ -155,10 +155,10 @@ fn strides_under_limits_of_torque() {
 
 fn json_of(kind: Kind, estimate: Estimate, limits: torque::Limits) -> Value {
     let table = DATABASE.table(kind);
-    let strides = Strides::new(table, estimate, limits);
-    let walk = strides.walk(table, GridState::new(0, 0, 0), GridState::new(12, 5, 0), (20, 13));
+    let moves = MoveGraph::new(table, estimate, limits);
+    let walk = moves.walk(table, GridState::new(0, 0, 0), GridState::new(12, 5, 0), (20, 13));
     json!({
-        "postures": strides.postures, "steps": strides.steps, "landing_states": strides.landings.len(),
+        "postures": moves.postures, "steps": moves.steps, "landing_states": moves.landings.len(),
         "moves": walk.map(|w| w.moves), "degrees": walk.map(|w| w.degrees),
     })
 }
@@ -170,8 +170,9 @@ fn torque_at_the_end_of_a_step_alone_is_not_enough() {
     let (table, cube) =
         (DATABASE.table(Kind::Srs), &CarryTable::all(&DATABASE, Kind::Srs, &element("cube"))[0]);
     let loads = LoadTable::new(table, cube, Face::Down);
-    let stands = |posture: u16| standing_peak(table, cube, Face::Down, posture, 1400).within(Limits::NOMINAL);
-    let passes = |step: usize| loads.peak(step, 1400).within(Limits::NOMINAL);
+    let stands =
+        |posture: u16| standing_peak(table, cube, Face::Down, posture, 1400).within(LoadLimits::NOMINAL);
+    let passes = |step: usize| loads.peak(step, 1400).within(LoadLimits::NOMINAL);
     let steps = cube.steps().iter().enumerate();
     let exceeding = steps.filter(|(i, s)| stands(s.from) && stands(s.to) && !passes(*i)).count();
     assert!(exceeding > 0);

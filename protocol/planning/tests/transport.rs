@@ -5,13 +5,15 @@ use metamorph_core::lattice::Cell;
 use metamorph_core::ratio::Ratio;
 use metamorph_planning::manipulation::colour::colour;
 use metamorph_planning::manipulation::element::{cell_at, moved};
-use metamorph_planning::manipulation::load::Limits;
+use metamorph_planning::manipulation::load::LoadLimits;
 use metamorph_planning::manipulation::scene::Scene;
 use metamorph_planning::manipulation::terrain::Terrain;
-use metamorph_planning::manipulation::transport::{Answer, Plan, Reason, Task, plan, plan_any_colour};
+use metamorph_planning::manipulation::transport::{
+    Answer, ManipulationPlan, Task, TransportReason, plan, plan_any_colour,
+};
 use metamorph_planning::manipulation::verification::BodyAction;
-use metamorph_planning::manipulation::walking::{Body, Ground, Motion};
-use metamorph_planning::manipulation::worlds::World;
+use metamorph_planning::manipulation::walking::{Body, Motion, WalkingGround};
+use metamorph_planning::manipulation::worlds::TransportWorld;
 use metamorph_roombots::Kind;
 use metamorph_roombots::database::Database;
 use metamorph_roombots::sweep::FloorContact;
@@ -19,7 +21,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// Carries a plan out on cells alone: every posture of every action, with everything else where it is.
-fn check(scene: &Scene, ground: &Ground<'_>, task: &Task, plan: &Plan) {
+fn check(scene: &Scene, ground: &WalkingGround<'_>, task: &Task, plan: &ManipulationPlan) {
     let table = scene.table();
     let (mut bodies, mut cube, mut holder) = (task.bodies.clone(), task.start[0], None);
     let mut put_down = 0;
@@ -81,12 +83,12 @@ fn check(scene: &Scene, ground: &Ground<'_>, task: &Task, plan: &Plan) {
 #[test]
 fn every_task_ends_in_a_plan_that_holds_or_a_proof() {
     let (database, cube) = (Arc::new(Database::build()), "cube".parse().unwrap());
-    let scene = Scene::new(database, Kind::Srs, &cube, 250, Limits::NOMINAL, Terrain::experiment());
+    let scene = Scene::new(database, Kind::Srs, &cube, 250, LoadLimits::NOMINAL, Terrain::experiment());
     let (mut planned, mut hand_overs, mut reasons) = (0, 0, BTreeSet::new());
     for (tenths, seeds) in [(8, 0..2), (4, 0..2), (2, 0..2)] {
         for seed in seeds {
-            let world = World::draw(&scene, Ratio::new(tenths, 10).unwrap(), seed);
-            let ground = Ground::new(&scene, |c| world.exists(c));
+            let world = TransportWorld::draw(&scene, Ratio::new(tenths, 10).unwrap(), seed);
+            let ground = WalkingGround::new(&scene, |c| world.exists(c));
             let task = world.task(500);
             match plan(&ground, &task) {
                 Answer::Plan(plan) => {
@@ -99,17 +101,20 @@ fn every_task_ends_in_a_plan_that_holds_or_a_proof() {
         }
     }
     assert!(planned >= 4 && hand_overs >= 2, "{planned} plans, {hand_overs} hand-overs");
-    assert!(reasons.contains(&Reason::NoPlace) && reasons.contains(&Reason::NoWalk), "{reasons:?}");
+    assert!(
+        reasons.contains(&TransportReason::NoPlace) && reasons.contains(&TransportReason::NoWalk),
+        "{reasons:?}"
+    );
 
-    let world = World::draw(&scene, Ratio::new(8, 10).unwrap(), 0);
-    let ground = Ground::new(&scene, |c| world.exists(c));
+    let world = TransportWorld::draw(&scene, Ratio::new(8, 10).unwrap(), 0);
+    let ground = WalkingGround::new(&scene, |c| world.exists(c));
     let other = |change: &dyn Fn(&mut Task)| {
         let mut task = world.task(500);
         change(&mut task);
         plan(&ground, &task)
     };
     let beside = |task: &mut Task| task.goal[0].x += 1;
-    assert_eq!(other(&beside), Answer::Infeasible(Reason::Colour));
+    assert_eq!(other(&beside), Answer::Infeasible(TransportReason::Colour));
     // A negative control: without the check of colours the search proves the same, and does not give up.
     let mut task = world.task(500);
     beside(&mut task);
@@ -118,13 +123,13 @@ fn every_task_ends_in_a_plan_that_holds_or_a_proof() {
         assert!(matches!(answer, Answer::Infeasible(_)), "{answer:?}");
     }
     let high = |task: &mut Task| task.start[0].z += 40;
-    assert_eq!(other(&high), Answer::Infeasible(Reason::NoGrip));
+    assert_eq!(other(&high), Answer::Infeasible(TransportReason::NoGrip));
     // One metamodule cannot hand over, and cannot bring the cube to the other end of the floor.
     let alone = |task: &mut Task| {
         task.bodies.truncate(1);
         task.goal = vec![Cell::new(19, 12 - (1 + colour(task.start[0])) as i16 % 2, 0)];
     };
-    assert_eq!(other(&alone), Answer::Infeasible(Reason::NoWalk));
+    assert_eq!(other(&alone), Answer::Infeasible(TransportReason::NoWalk));
     // If it may put the cube down on the way, it can; also if the cube lies there in the end.
     for rests in [false, true] {
         let mut task = world.task(500);

@@ -29,14 +29,14 @@ impl Convex for Cuboid {
 }
 
 /// Distance in cells below which bodies count as touching.
-const TOUCH: f64 = 1e-7;
+const CONTACT_DISTANCE: f64 = 1e-7;
 /// Largest number of iterations: smooth bodies converge geometrically; pairs that need more are touching.
 const MAX_ITERATIONS: usize = 60;
 
 /// Returns true if two bodies have a point in common.
 pub fn overlap(a: &impl Convex, b: &impl Convex) -> bool {
     let mut v = a.centre() - b.centre();
-    if v.norm_squared() < TOUCH * TOUCH {
+    if v.norm_squared() < CONTACT_DISTANCE * CONTACT_DISTANCE {
         return true;
     }
     let mut simplex: Vec<Vector3<f64>> = Vec::with_capacity(4);
@@ -52,7 +52,7 @@ pub fn overlap(a: &impl Convex, b: &impl Convex) -> bool {
         }
         simplex.push(w);
         v = reduce_to_closest(&mut simplex);
-        if simplex.len() == 4 || v.norm_squared() < TOUCH * TOUCH {
+        if simplex.len() == 4 || v.norm_squared() < CONTACT_DISTANCE * CONTACT_DISTANCE {
             return true;
         }
     }

@@ -374,13 +374,14 @@ pub fn maximum(values: impl Iterator<Item = f64>) -> (f64, usize) {
 
 /// Refines the maximum of `f` near sample `i`, where it is `best`, by golden section.
 pub fn refined(best: f64, i: usize, f: impl Fn(f64) -> f64) -> f64 {
-    const GOLDEN: f64 = 0.618_033_988_749_895;
+    /// The golden ratio less one.
+    const GOLDEN_RATIO: f64 = 0.618_033_988_749_895;
     let step = 1.0 / f64::from(SAMPLES);
     let at = i as f64 * step;
     let (mut low, mut high) = ((at - step).max(0.0), (at + step).min(1.0));
     let mut best = best;
     for _ in 0..16 {
-        let (a, b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
+        let (a, b) = (high - GOLDEN_RATIO * (high - low), low + GOLDEN_RATIO * (high - low));
         let (fa, fb) = (f(a), f(b));
         best = best.max(fa).max(fb);
         if fa >= fb { high = b } else { low = a }

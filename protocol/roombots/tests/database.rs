@@ -265,7 +265,7 @@ fn single_module_moves() {
         // After landing the head is the foot.
         let start = t.reversed(*from).unwrap();
         for to in landed.iter().filter(|to| **to != start) {
-            let way = t.shortest_way(start, &CellSet::default(), |p| p == *to).unwrap();
+            let way = t.shortest_path(start, &CellSet::default(), |p| p == *to).unwrap();
             lengths.insert(way.steps.len());
         }
     }
@@ -385,7 +385,7 @@ fn ways_are_made_of_steps() {
         let t = DATABASE.table(kind);
         let start = t.find(Posture::zero(kind)).unwrap();
         for wanted in Shape::ALL {
-            let Some(way) = t.way_to_shape(start, wanted) else {
+            let Some(way) = t.path_to_shape(start, wanted) else {
                 let absent = [(Kind::Par, Shape::U), (Kind::Per, Shape::S)];
                 assert!(absent.contains(&(kind, wanted)), "{kind} {wanted}");
                 continue;
@@ -405,12 +405,12 @@ fn ways_are_made_of_steps() {
             assert!(!way.core.meets(&way.graze));
             // Every step can be undone: the way back is as long.
             let end = *way.postures.last().unwrap();
-            let back = t.shortest_way(end, &CellSet::default(), |p| p == start).unwrap();
+            let back = t.shortest_path(end, &CellSet::default(), |p| p == start).unwrap();
             assert_eq!(back.steps.len(), way.steps.len());
         }
         // An obstacle on the way makes it longer or closes it; it is never swept.
         let blocked = DATABASE.cell_set([Cell::new(1, 0, 1)]);
-        if let Some(way) = t.shortest_way(start, &blocked, |p| shape(t, p) == Shape::L) {
+        if let Some(way) = t.shortest_path(start, &blocked, |p| shape(t, p) == Shape::L) {
             assert!(!way.core.meets(&blocked) && !way.graze.meets(&blocked));
         }
     }

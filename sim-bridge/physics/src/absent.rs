@@ -9,14 +9,17 @@ use std::hash::Hasher;
 pub const ENGINE: &str = "none";
 
 /// The bodies of a structure: none, as there is no engine.
-pub enum Bodies {}
+pub enum NoBodies {}
 
-impl Bodies {
+/// The bodies that the program's engine moves.
+pub type Bodies = NoBodies;
+
+impl NoBodies {
     /// Refuses every structure.
     ///
     /// # Errors
     /// Always, with [`PhysicsError::NoEngine`].
-    pub fn new(_: &Structure, _: &[[f64; 3]], _: Down, _: f32) -> Result<Bodies, PhysicsError> {
+    pub fn new(_: &Structure, _: &[[f64; 3]], _: Down, _: f32) -> Result<NoBodies, PhysicsError> {
         Err(PhysicsError::NoEngine)
     }
     /// Lets the floor rise towards +x by an angle in radians.
@@ -25,7 +28,7 @@ impl Bodies {
     }
 }
 
-impl Physics for Bodies {
+impl Physics for NoBodies {
     fn step(&mut self) {
         match *self {}
     }
@@ -69,7 +72,7 @@ mod tests {
     #[test]
     fn every_structure_is_refused() {
         let structure = named::structure("quad5-sym").unwrap();
-        let refused = Bodies::new(&structure, &[[0.0; 3]; 5], Down::DEFAULT, 0.8);
+        let refused = NoBodies::new(&structure, &[[0.0; 3]; 5], Down::DEFAULT, 0.8);
         assert_eq!(refused.err(), Some(PhysicsError::NoEngine));
     }
 }

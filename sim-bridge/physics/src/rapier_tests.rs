@@ -121,11 +121,11 @@ fn the_same_commands_give_the_same_bits() {
     let hashes = swing(&mut quad(FRICTION), 5);
     assert_eq!(hashes, swing(&mut quad(FRICTION), 5));
     assert_ne!(hashes[499], swing(&mut quad(0.6), 5)[499]);
-    assert_eq!(hashes[499], GOLDEN, "another engine, or other settings: {}", hashes[499]);
+    assert_eq!(hashes[499], GOLDEN_HASH, "another engine, or other settings: {}", hashes[499]);
 }
 
-/// The state after 5 s of `swing`.
-const GOLDEN: u64 = 2_585_486_517_952_079_514;
+/// The hash of the state of `swing` at the time 5 s.
+const GOLDEN_HASH: u64 = 2_585_486_517_952_079_514;
 
 /// The floor pushes upwards only, from where hulls are, however long they have rolled. With a wrong normal a joint at rest
 /// was turned at 16 rad/s within a tick.

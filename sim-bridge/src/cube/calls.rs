@@ -8,7 +8,7 @@
 use crate::cube::diagnosis::Known;
 use crate::cube::reachability::{PlannedMove, StandstillSnapshot, plan};
 use crate::cube::world::CubeWorld;
-use metamorph_protocol::cube::call::{MAX_STEPS, Step, Way};
+use metamorph_protocol::cube::call::{MAX_STEPS, Step, Walk};
 use metamorph_protocol::cube::control::Order;
 use metamorph_protocol::cube::epoch::Epoch;
 use metamorph_protocol::cube::params::Params;
@@ -37,8 +37,8 @@ const MOST_GIVEN_UP: u8 = 16;
 
 /// A part of a plan: the way of one module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-struct Leg {
-    way: Way,
+struct Segment {
+    way: Walk,
     /// The cell of the module that the only step lands on, if the mover cannot ask it for consent and it may leave.
     unasked: Option<Cell>,
 }
@@ -46,7 +46,7 @@ struct Leg {
 /// A module that has been asked to carry the called one.
 #[derive(Clone, Copy, Debug, Hash)]
 struct Asked {
-    leg: Leg,
+    segment: Segment,
     carrier: ModuleId,
     mover: ModuleId,
     until: Time,
@@ -64,7 +64,7 @@ struct Sent {
 #[derive(Clone, Debug, Default, Hash)]
 pub(super) struct Calls {
     /// The rest of the present plan.
-    legs: VecDeque<Leg>,
+    segments: VecDeque<Segment>,
     asked: Option<Asked>,
     /// The number of requests made for called modules.
     requests: u32,
@@ -115,7 +115,7 @@ impl Calls {
     ) {
         let news = progress.last_fill.max(progress.last_fault);
         if news != self.news {
-            let are_done = self.legs.is_empty() && self.sent.is_some();
+            let are_done = self.segments.is_empty() && self.sent.is_some();
             let is_fruitful = progress.last_fill > progress.last_fault && (self.is_fruitful || are_done);
             *self = Calls { news, is_fruitful, requests: self.requests, ..Calls::default() };
         }
@@ -128,16 +128,16 @@ impl Calls {
         }
         let changed = news.max(progress.last_move);
         let patience = if self.is_fruitful { swarm.params.move_time * PAUSE } else { progress.patience };
-        if self.legs.is_empty() && now.since(changed) > patience && now >= self.next {
+        if self.segments.is_empty() && now.since(changed) > patience && now >= self.next {
             let snapshot = snapshot(world);
-            self.legs = self.find(world, &snapshot).unwrap_or_default();
-            if self.legs.is_empty() {
+            self.segments = self.find(world, &snapshot).unwrap_or_default();
+            if self.segments.is_empty() {
                 // Walkers that rest take a place in the forest meanwhile, and carry others then.
                 self.next = now + progress.patience;
             }
         }
-        if let Some(leg) = self.legs.pop_front() {
-            self.call(now, leg, world, swarm, commands);
+        if let Some(segment) = self.segments.pop_front() {
+            self.call(now, segment, world, swarm, commands);
         }
     }
 
@@ -146,7 +146,7 @@ impl Calls {
         let Some(sent) = self.sent else { return };
         let at = world.cell(sent.module);
         let stays = at == sent.from && !world.is_moving(sent.module);
-        if at == sent.to && !world.is_moving(sent.module) && !self.legs.is_empty() {
+        if at == sent.to && !world.is_moving(sent.module) && !self.segments.is_empty() {
             self.sent = None;
         } else if now > sent.until || (stays && now > sent.leaves_by) {
             if stays {
@@ -158,7 +158,7 @@ impl Calls {
 
     fn give_up(&mut self) {
         self.given_up += 1;
-        (self.sent, self.asked, self.legs) = (None, None, VecDeque::new());
+        (self.sent, self.asked, self.segments) = (None, None, VecDeque::new());
     }
 
     /// Calls the mover once the module that it lands on has granted that.
@@ -174,7 +174,7 @@ impl Calls {
             self.give_up();
         } else if granted == Some(Token(self.requests)) {
             self.asked = None;
-            self.call_until(asked.until, asked.mover, asked.leg.way, swarm, commands);
+            self.call_until(asked.until, asked.mover, asked.segment.way, swarm, commands);
         }
     }
 
@@ -183,7 +183,7 @@ impl Calls {
         &mut self,
         until: Time,
         module: ModuleId,
-        way: Way,
+        way: Walk,
         Swarm { epoch, params, .. }: Swarm<'_>,
         commands: &mut VecDeque<Command<Order>>,
     ) {
@@ -196,14 +196,14 @@ impl Calls {
     fn call(
         &mut self,
         now: Time,
-        leg: Leg,
+        segment: Segment,
         world: &CubeWorld,
         swarm: Swarm<'_>,
         commands: &mut VecDeque<Command<Order>>,
     ) {
-        let (Leg { way, .. }, Swarm { epoch, params, known }) = (leg, swarm);
-        let Some(module) = world.body_at(way.from()) else { return self.legs.clear() };
-        if let Some(carrier) = leg.unasked.and_then(|cell| world.body_at(cell)) {
+        let (Segment { way, .. }, Swarm { epoch, params, known }) = (segment, swarm);
+        let Some(module) = world.body_at(way.from()) else { return self.segments.clear() };
+        if let Some(carrier) = segment.unasked.and_then(|cell| world.body_at(cell)) {
             // Grants from now on outlast the move of a call that ends at this time. So does the quarantine of a dead
             // module that is restarted.
             let until = now + params.start_within();
@@ -211,9 +211,9 @@ impl Calls {
                 return self.call_until(until, module, way, swarm, commands);
             }
             let carries_at = way.to();
-            let Some(face) = world.cell(carrier).face_to(carries_at) else { return self.legs.clear() };
+            let Some(face) = world.cell(carrier).face_to(carries_at) else { return self.segments.clear() };
             self.requests += 1;
-            self.asked = Some(Asked { leg, carrier, mover: module, until });
+            self.asked = Some(Asked { segment, carrier, mover: module, until });
             let token = Token(self.requests);
             let order = Order::Carry { epoch, mover: module, token, face };
             return commands.push_back(Command::Order(carrier, order));
@@ -221,15 +221,15 @@ impl Calls {
         let steps = way.steps().count() as u64;
         let arrives_by = now + params.move_time * (TO_SET_OUT + PER_STEP * steps);
         // At the end of the last way it waits until the cell may be started out of turn.
-        let until = if self.legs.is_empty() { arrives_by + params.out_of_turn_after } else { arrives_by };
+        let until = if self.segments.is_empty() { arrives_by + params.out_of_turn_after } else { arrives_by };
         let leaves_by = now + params.move_time * TO_SET_OUT;
         self.sent = Some(Sent { module, from: way.from(), to: way.to(), leaves_by, until });
         commands.push_back(Command::Order(module, Order::Call { epoch, until, way }));
     }
 
-    /// Returns the parts of a plan that fills one more cell: of the module with the shortest way or, in a small swarm, of
-    /// several modules.
-    fn find(&self, world: &mut CubeWorld, snapshot: &StandstillSnapshot) -> Option<VecDeque<Leg>> {
+    /// Returns the parts of a plan that fills one more cell: of the module with the shortest way or, in a small
+    /// swarm, of several modules.
+    fn find(&self, world: &mut CubeWorld, snapshot: &StandstillSnapshot) -> Option<VecDeque<Segment>> {
         let mut snapshot = snapshot.clone();
         let arrangements = (EFFORT / CANDIDATES / snapshot.modules.len().max(1)).min(ARRANGEMENTS);
         let may_go: Vec<usize> = (0..snapshot.modules.len())
@@ -260,28 +260,29 @@ impl Calls {
             }
         }
         let best = best.or_else(|| plan(&together?, ARRANGEMENTS))?;
-        Some(legs(&best))
+        Some(segments(&best))
     }
 }
 
-/// Returns a plan in parts, each the way of one module. A step onto a module that has to be asked first is a part of its own.
-fn legs(plan: &[PlannedMove]) -> VecDeque<Leg> {
+/// Returns a plan in parts, each the way of one module. A step onto a module that has to be asked first is a part of
+/// its own.
+fn segments(plan: &[PlannedMove]) -> VecDeque<Segment> {
     let is_asked_first = |planned: &PlannedMove| planned.is_unasked && !planned.lands_on_fixed;
     let mut rest = plan;
-    let leg = |way: Way| {
+    let segment = |way: Walk| {
         let first = rest[0];
         rest = &rest[way.steps().count()..];
         let landing = first.motion.destination(first.from).step(first.motion.landing_support());
-        Leg { way, unasked: is_asked_first(&first).then_some(landing) }
+        Segment { way, unasked: is_asked_first(&first).then_some(landing) }
     };
-    ways(plan, &is_asked_first).map(leg).collect()
+    ways(plan, &is_asked_first).map(segment).collect()
 }
 
 /// Iterates over the ways of a plan, each of one module. A move for which `is_apart` holds begins a way.
 pub(super) fn ways(
     plan: &[PlannedMove],
     is_apart: &dyn Fn(&PlannedMove) -> bool,
-) -> impl Iterator<Item = Way> {
+) -> impl Iterator<Item = Walk> {
     let mut rest = plan;
     std::iter::from_fn(move || {
         let mut at = rest.first()?.from;
@@ -295,6 +296,6 @@ pub(super) fn ways(
         let step = |p: &PlannedMove| Step { motion: p.motion, is_vouched: p.is_unasked };
         let steps: Vec<Step> = part.iter().map(step).collect();
         rest = others;
-        Way::new(part[0].from, &steps)
+        Walk::new(part[0].from, &steps)
     })
 }

@@ -7,7 +7,7 @@ use crate::cube::registrar::Registrar;
 use crate::cube::world::CubeWorld;
 use metamorph_kernel::director::outcome::{Stall, Waiter};
 use metamorph_kernel::director::reason::Why;
-use metamorph_kernel::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_ACTIVE_TARGET, NO_WAY};
+use metamorph_kernel::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_ACTIVE_TARGET, NO_PATH};
 use metamorph_protocol::cube::control::Status;
 use metamorph_protocol::cube::epoch::Epoch;
 use metamorph_protocol::cube::message::Role;
@@ -85,7 +85,7 @@ impl<'a> Building<'a> {
             .collect();
         let mut stall = Stall {
             since,
-            reason: NO_WAY,
+            reason: NO_PATH,
             text: "",
             open: unfilled.iter().map(|cell| (*cell).into()).collect(),
             wait_cycle: wait_cycle(known),
@@ -98,20 +98,20 @@ impl<'a> Building<'a> {
         } else if targets.is_empty() {
             NO_ACTIVE_TARGET
         } else {
-            let with_a_way = walkers_with_a_way(world, known, &spare, &targets);
+            let with_a_path = walkers_with_a_path(world, known, &spare, &targets);
             let may_leave = |id: &ModuleId| {
                 connectivity != Connectivity::Cycles
                     || known[id.index()].is_walker()
                     || is_spared(world, known, *id)
             };
             let is_free = |id: &ModuleId| !is_pinned(world, known, *id) && may_leave(id);
-            stall.waiting = with_a_way.iter().map(|id| waiter(known, *id)).take(20).collect();
-            if with_a_way.iter().any(is_free) {
+            stall.waiting = with_a_path.iter().map(|id| waiter(known, *id)).take(20).collect();
+            if with_a_path.iter().any(is_free) {
                 BLOCKED
-            } else if !with_a_way.is_empty() {
+            } else if !with_a_path.is_empty() {
                 PINNED
             } else {
-                NO_WAY
+                NO_PATH
             }
         };
         stall.text = stall.reason.text;
@@ -230,7 +230,7 @@ fn wait_cycle(known: &[Known]) -> Vec<ModuleId> {
 
 /// Returns the spare modules that could walk over the surface to a target, if all others stood still and
 /// walkers made room.
-fn walkers_with_a_way(
+fn walkers_with_a_path(
     world: &mut CubeWorld,
     known: &[Known],
     spare: &[ModuleId],
@@ -350,11 +350,11 @@ pub(super) mod tests {
         stall
     }
 
-    const UP: u8 = Face::Up.bit();
+    const UP_MASK: u8 = Face::Up.bit();
 
     #[test]
     fn names_each_reason() {
-        let root = status(Role::Final, UP, None, false);
+        let root = status(Role::Final, UP_MASK, None, false);
         let spare = status(Role::Reserve, 0, None, false);
         let row = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
         let tower = [[0, 0, 0], [0, 0, 1]];
@@ -372,13 +372,13 @@ pub(super) mod tests {
         check(&bent, &states, &[[0, 0, 0], [0, 0, 1]], BLOCKED);
         // The only spare module is the one that holds the body together.
         let bridge = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
-        let seed_end = status(Role::Final, UP, None, false);
-        check(&bridge, &[(true, seed_end), (true, spare), (true, root)], &tower, NO_WAY);
+        let seed_end = status(Role::Final, UP_MASK, None, false);
+        check(&bridge, &[(true, seed_end), (true, spare), (true, root)], &tower, NO_PATH);
     }
 
     #[test]
     fn lists_the_waiting_modules() {
-        let root = status(Role::Final, UP, None, false);
+        let root = status(Role::Final, UP_MASK, None, false);
         let (a, b) = (status(Role::Reserve, 0, Some(2), false), status(Role::Reserve, 0, Some(1), false));
         let row = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
         let stall = check(&row, &[(true, root), (true, a), (true, b)], &[[0, 0, 0], [0, 0, 1]], BLOCKED);

@@ -187,7 +187,7 @@ impl Director {
         self.recount = false;
         let (epoch, goal) = (self.opening.epoch, self.goal());
         // No module is finalized while a global plan is carried out.
-        let is_led = self.global_plan.is_under_way();
+        let is_led = self.global_plan.is_active();
         let is_filled = |id: ModuleId| {
             let k = &self.known[id.index()];
             // A body that still moves fills no cell.
@@ -236,7 +236,7 @@ impl Director {
         if is_checked {
             self.monitor.next_check = now + self.setup.params.move_time;
             let is_built = self.count_filled(now, world);
-            if self.global_plan.is_under_way() {
+            if self.global_plan.is_active() {
                 self.lead(now, world);
             } else if is_built {
                 return self.next_stage(now);
@@ -252,7 +252,7 @@ impl Director {
             let since = if outcome == Outcome::Livelock { no_gain_since } else { idle_since };
             let stall = self.building().diagnose(world, since);
             self.monitor.give_up(now, outcome, stall);
-        } else if is_checked && !is_planned && !self.global_plan.is_under_way() {
+        } else if is_checked && !is_planned && !self.global_plan.is_active() {
             self.call(now, world);
             let is_idle = now.since(idle_since) > stop.stall / LAST_PATIENCE;
             let is_jammed = now.since(no_gain_since) > stop.livelock / LAST_PATIENCE;
@@ -355,7 +355,7 @@ impl DirectorPort<CubeWorld> for Director {
             stage.known.get_or_insert(now);
         }
         self.recount |= report.role == Role::Final;
-        if self.registrar.has_news(id, &report) || self.global_plan.is_under_way() {
+        if self.registrar.has_news(id, &report) || self.global_plan.is_active() {
             // It is forwarded as soon as the world can be read.
             self.monitor.next_check = Time::ZERO;
         }

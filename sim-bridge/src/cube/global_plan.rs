@@ -20,7 +20,7 @@ use crate::cube::diagnosis::Known;
 use crate::cube::reachability::{PlannedMove, StandstillSnapshot, plan_of_any_robot};
 use crate::cube::sequential_plan::plan_one_by_one;
 use crate::cube::world::CubeWorld;
-use metamorph_protocol::cube::call::Way;
+use metamorph_protocol::cube::call::Walk;
 use metamorph_protocol::cube::control::Order;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::runtime::Command;
@@ -43,8 +43,8 @@ const TO_REST: u64 = 60;
 const MOST_REFUSED: u8 = 3;
 
 #[derive(Clone, Copy, Debug, Hash)]
-struct Leg {
-    way: Way,
+struct Segment {
+    way: Walk,
     mover: ModuleId,
     /// The latest start of a motion.
     until: Time,
@@ -66,7 +66,7 @@ pub(super) struct GlobalPlan {
     of: (u16, Time),
     plans: u8,
     phase: Option<Phase>,
-    leg: Option<Leg>,
+    segment: Option<Segment>,
     /// When the plan is given up if modules still move, or have not reported.
     rest_by: Time,
     /// The number of calls in a row after which the called module has made no step.
@@ -98,13 +98,13 @@ impl GlobalPlan {
         if self.phase.is_none() {
             self.plans = MOST_PLANS;
         }
-        (self.leg, self.refused) = (None, 0);
+        (self.segment, self.refused) = (None, 0);
         self.rest_by = now + swarm.params.move_time * TO_REST;
-        self.is_under_way()
+        self.is_active()
     }
 
     /// Returns true while a plan is looked for or carried out.
-    pub fn is_under_way(&self) -> bool {
+    pub fn is_active(&self) -> bool {
         self.phase.is_some()
     }
     /// Returns the number of moves that were led in the run.
@@ -121,12 +121,12 @@ impl GlobalPlan {
         swarm: Swarm<'_>,
         commands: &mut VecDeque<Command<Order>>,
     ) -> bool {
-        if let Some(leg) = self.leg {
-            if !leg.is_over(now, world) {
+        if let Some(segment) = self.segment {
+            if !segment.is_over(now, world) {
                 return true;
             }
-            self.count(leg, world);
-            self.leg = None;
+            self.count(segment, world);
+            self.segment = None;
             self.rest_by = now + swarm.params.move_time * TO_REST;
         }
         let has_reported = |k: &Known| !k.alive || k.status.is_some_and(|s| s.epoch == swarm.epoch);
@@ -137,29 +137,29 @@ impl GlobalPlan {
             if let Some(Phase::Waiting) = self.phase {
                 self.phase = plan(&snapshot()).map(Phase::Leading);
             }
-            self.leg = self.next_leg(now, world, swarm);
-            if let Some(Leg { way, mover, until }) = self.leg {
+            self.segment = self.next_segment(now, world, swarm);
+            if let Some(Segment { way, mover, until }) = self.segment {
                 let call = Order::Call { epoch: swarm.epoch, until, way };
                 commands.push_back(Command::Order(mover, call));
             } else {
                 self.phase = None;
             }
         }
-        self.is_under_way()
+        self.is_active()
     }
 
     /// Returns the next call; `None` if the plan is carried out, or if the mover is not where the plan has it.
-    fn next_leg(&mut self, now: Time, world: &CubeWorld, swarm: Swarm<'_>) -> Option<Leg> {
+    fn next_segment(&mut self, now: Time, world: &CubeWorld, swarm: Swarm<'_>) -> Option<Segment> {
         let Some(Phase::Leading(moves)) = &mut self.phase else { return None };
         let way = ways(moves.make_contiguous(), &|_| false).next()?;
         let mover = world.body_at(way.from()).filter(|id| swarm.known[id.index()].alive)?;
-        Some(Leg { way, mover, until: now + swarm.params.start_within() })
+        Some(Segment { way, mover, until: now + swarm.params.start_within() })
     }
 
     /// Counts the steps that a called module has made.
-    fn count(&mut self, leg: Leg, world: &CubeWorld) {
-        let at = world.cell(leg.mover);
-        let reached = leg.way.cells().enumerate().filter(|(_, cell)| *cell == at).last();
+    fn count(&mut self, segment: Segment, world: &CubeWorld) {
+        let at = world.cell(segment.mover);
+        let reached = segment.way.cells().enumerate().filter(|(_, cell)| *cell == at).last();
         let made = reached.map_or(0, |(steps, _)| steps);
         if let Some(Phase::Leading(moves)) = &mut self.phase {
             moves.drain(..made.min(moves.len()));
@@ -169,7 +169,7 @@ impl GlobalPlan {
     }
 }
 
-impl Leg {
+impl Segment {
     /// Returns true if the called module has arrived, or may not start a motion any more.
     fn is_over(&self, now: Time, world: &CubeWorld) -> bool {
         !world.is_moving(self.mover) && (world.cell(self.mover) == self.way.to() || now > self.until)

@@ -24,7 +24,7 @@ use metamorph_protocol::time::{Span, Time};
 use std::hash::{Hash, Hasher};
 
 #[derive(Clone, Copy, Debug, Hash)]
-struct UnderWay {
+struct MotionInProgress {
     motion: Motion,
     fails: bool,
 }
@@ -33,7 +33,7 @@ struct UnderWay {
 struct Body {
     cell: Cell,
     ports: Ports<[Option<Contact>; 6]>,
-    under_way: Option<UnderWay>,
+    under_way: Option<MotionInProgress>,
     stuck: bool,
 }
 
@@ -99,7 +99,7 @@ impl CubeWorld {
             });
         }
         for i in 0..cells.len() {
-            world.touch_neighbours(ModuleId(i as u32), false);
+            world.open_contacts(ModuleId(i as u32), false);
         }
         world
     }
@@ -143,7 +143,7 @@ impl CubeWorld {
         let body = &mut self.bodies[id.index()];
         let cell = body.cell;
         let motion = Motion { kind: MotionKind::Slide, support: Face::Down, heading: Face::East };
-        let before = body.under_way.replace(UnderWay { motion, fails: true });
+        let before = body.under_way.replace(MotionInProgress { motion, fails: true });
         let connected = self.neighbours_connected(cell);
         self.bodies[id.index()].under_way = before;
         connected
@@ -183,7 +183,7 @@ impl CubeWorld {
     }
 
     /// Opens a new session on every face of a module that touches another.
-    fn touch_neighbours(&mut self, id: ModuleId, tell: bool) {
+    fn open_contacts(&mut self, id: ModuleId, tell: bool) {
         let cell = self.bodies[id.index()].cell;
         for face in Face::ALL {
             let Some(peer) = self.grid.body(cell.step(face)) else { continue };
@@ -222,7 +222,7 @@ impl CubeWorld {
     fn begin(&mut self, now: Time, id: ModuleId, motion: Motion) {
         let from = self.bodies[id.index()].cell;
         let fails = self.bodies[id.index()].stuck | self.queue.draw_failure();
-        self.bodies[id.index()].under_way = Some(UnderWay { motion, fails });
+        self.bodies[id.index()].under_way = Some(MotionInProgress { motion, fails });
         self.grid.set(motion.destination(from), Some(Occupant::Path(id)));
         if let Some(corner) = motion.corner(from) {
             self.grid.set(corner, Some(Occupant::Path(id)));
@@ -233,7 +233,9 @@ impl CubeWorld {
     }
 
     fn complete(&mut self, now: Time, id: ModuleId) {
-        let Some(UnderWay { motion, fails }) = self.bodies[id.index()].under_way.take() else { return };
+        let Some(MotionInProgress { motion, fails }) = self.bodies[id.index()].under_way.take() else {
+            return;
+        };
         let from = self.bodies[id.index()].cell;
         let to = motion.destination(from);
         self.check_path(now, id, from, motion);
@@ -259,7 +261,7 @@ impl CubeWorld {
                 self.set_contact(contact.peer, face, None, true);
             }
         }
-        self.touch_neighbours(id, true);
+        self.open_contacts(id, true);
         self.check_arrival(now, id, motion.landing_support());
     }
 }
@@ -287,7 +289,7 @@ impl World for CubeWorld {
         self.forget_audit(id);
         self.forget_announced(id);
         if self.queue.start((id, &mut self.bodies[id.index()].ports), incarnation) {
-            self.touch_neighbours(id, true);
+            self.open_contacts(id, true);
         }
     }
 
@@ -323,7 +325,7 @@ impl World for CubeWorld {
         for body in &self.bodies {
             let Body { cell, ports, under_way, stuck } = body;
             (cell, ports, stuck).hash(&mut hasher);
-            under_way.map(|UnderWay { motion, fails }| (motion, fails)).hash(&mut hasher);
+            under_way.map(|MotionInProgress { motion, fails }| (motion, fails)).hash(&mut hasher);
         }
         self.queue.hash(&mut hasher);
     }

@@ -16,7 +16,7 @@ pub const KINETIC_ENERGY: Invariant = Invariant::new("kinetic-energy");
 /// The least height in metres of the centre of a cube: its plates are 55 mm from the centre.
 const LOWEST: f32 = 0.045;
 /// The largest kinetic energy in joules.
-const ENERGY: f32 = 50.0;
+const KINETIC_ENERGY_MAX: f32 = 50.0;
 /// The largest speed of a joint, as a multiple of that without load.
 const FASTEST: f32 = 4.0;
 
@@ -52,7 +52,7 @@ pub fn check(
         }
     }
     let energy = physics.kinetic_energy();
-    if energy.is_nan() || energy > ENERGY {
+    if energy.is_nan() || energy > KINETIC_ENERGY_MAX {
         return Err((KINETIC_ENERGY, format!("{energy:.1} J")));
     }
     Ok(())

@@ -5,8 +5,8 @@ use super::members::Members;
 use metamorph_kernel::director::port::DirectorPort;
 use metamorph_kernel::world::World;
 use metamorph_protocol::free_module::gait::FreeModule;
-use metamorph_protocol::free_module::gait::body::Status;
-use metamorph_protocol::free_module::gait::message::{Gait, Order, Parameters};
+use metamorph_protocol::free_module::gait::body::WalkStatus;
+use metamorph_protocol::free_module::gait::message::{Gait, Parameters, WalkOrder};
 use metamorph_protocol::free_module::structure::Joint;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::runtime::Command;
@@ -21,7 +21,7 @@ pub struct GaitDirector {
     /// Crashes to come, in the order of their times.
     kills: VecDeque<(Time, ModuleId)>,
     members: Members,
-    commands: VecDeque<Command<Order>>,
+    commands: VecDeque<Command<WalkOrder>>,
 }
 
 impl GaitDirector {
@@ -44,14 +44,14 @@ impl GaitDirector {
 }
 
 impl<W: World<Agent = FreeModule>> DirectorPort<W> for GaitDirector {
-    fn report(&mut self, _: Time, _: ModuleId, _: Status) {}
+    fn report(&mut self, _: Time, _: ModuleId, _: WalkStatus) {}
     fn died(&mut self, _: Time, module: ModuleId) {
         self.members.died(module, &mut self.commands);
     }
     fn started(&mut self, _: Time, id: ModuleId) {
         let joints = [0, 1, 2].map(|j| self.joints.get(&Joint::new(id, j)).copied());
         let gait = Gait { epoch: self.epoch, start: self.start, joints };
-        self.commands.push_back(Command::Order(id, Order::Gait(gait)));
+        self.commands.push_back(Command::Order(id, WalkOrder::Gait(gait)));
         self.members.started(id, &mut self.commands);
     }
     fn wake(&mut self, now: Time, _: &mut W) {
@@ -63,7 +63,7 @@ impl<W: World<Agent = FreeModule>> DirectorPort<W> for GaitDirector {
     fn wake_at(&self) -> Time {
         self.kills.front().map_or(Time::NEVER, |(at, _)| *at)
     }
-    fn poll(&mut self) -> Option<Command<Order>> {
+    fn poll(&mut self) -> Option<Command<WalkOrder>> {
         self.commands.pop_front()
     }
 }

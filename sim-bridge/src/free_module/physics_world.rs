@@ -11,7 +11,7 @@ use metamorph_kernel::kernel::audited::Audited;
 use metamorph_kernel::world::World;
 use metamorph_kernel::world::invariants::Violation;
 use metamorph_protocol::free_module::gait::FreeModule;
-use metamorph_protocol::free_module::gait::body::{Place, Pose, UNIT};
+use metamorph_protocol::free_module::gait::body::{BodyPlace, BodyPose, QUATERNION_SCALE};
 use metamorph_protocol::free_module::gait::message::Follow;
 use metamorph_protocol::free_module::oscillator::Angle;
 use metamorph_protocol::free_module::structure::{JOINTS, Joint, Structure};
@@ -49,8 +49,8 @@ pub struct PhysicsWorld<P> {
     on_floor: (Vec<u32>, u32),
     falls: Falls,
     /// The pose of each module that it told last, and the one before, if bodies tell theirs.
-    poses: Option<Vec<[Pose; 2]>>,
-    sensed: VecDeque<(ModuleId, Sensed<Pose>)>,
+    poses: Option<Vec<[BodyPose; 2]>>,
+    sensed: VecDeque<(ModuleId, Sensed<BodyPose>)>,
 }
 
 impl<P: Physics> PhysicsWorld<P> {
@@ -101,12 +101,12 @@ impl<P: Physics> PhysicsWorld<P> {
             self.physics.set_target(joint, self.physics.angle(joint));
         }
     }
-    fn pose(&self, id: ModuleId) -> Pose {
+    fn pose(&self, id: ModuleId) -> BodyPose {
         let placed = self.physics.pose(id, 0);
         let whole = |x: f32, unit: f64| (f64::from(x) * unit).round() as i32;
-        Pose {
+        BodyPose {
             position: placed.position.map(|x| whole(x, 1e6)),
-            rotation: placed.rotation.map(|x| whole(x, UNIT.into())),
+            rotation: placed.rotation.map(|x| whole(x, QUATERNION_SCALE.into())),
             angles: [0, 1, 2]
                 .map(|j| Angle(whole(self.physics.angle(Joint::new(id, j)), f64::from(Angle::RADIAN.0)))),
         }
@@ -196,9 +196,9 @@ impl<P: Physics> World for PhysicsWorld<P> {
         self.connections.len()
     }
     /// Returns the pose that the body told last but one: views move it from there to the one told last.
-    fn place(&self, id: ModuleId) -> Place {
+    fn place(&self, id: ModuleId) -> BodyPlace {
         let pose = self.poses.as_ref().map_or_else(|| self.pose(id), |poses| poses[id.index()][1]);
-        Place { pose, ..self.connections.place(id) }
+        BodyPlace { pose, ..self.connections.place(id) }
     }
     fn start(&mut self, now: Time, id: ModuleId, incarnation: Incarnation) {
         self.connections.start(now, id, incarnation);
@@ -220,7 +220,7 @@ impl<P: Physics> World for PhysicsWorld<P> {
     fn digest(&self, hasher: &mut dyn Hasher) {
         self.physics.digest(hasher);
     }
-    fn poll(&mut self) -> Option<(ModuleId, Sensed<Pose>)> {
+    fn poll(&mut self) -> Option<(ModuleId, Sensed<BodyPose>)> {
         self.connections.poll().or_else(|| self.sensed.pop_front())
     }
 }

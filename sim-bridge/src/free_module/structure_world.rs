@@ -3,7 +3,7 @@
 use metamorph_kernel::kernel::audited::Audited;
 use metamorph_kernel::world::World;
 use metamorph_protocol::free_module::gait::FreeModule;
-use metamorph_protocol::free_module::gait::body::{Place, Pose};
+use metamorph_protocol::free_module::gait::body::{BodyPlace, BodyPose};
 use metamorph_protocol::free_module::gait::message::{Docking, Follow};
 use metamorph_protocol::free_module::structure::{Connection, Structure};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
@@ -19,7 +19,7 @@ pub struct StructureWorld {
     /// Contact changes of each module so far.
     revisions: Vec<u32>,
     sessions: u32,
-    sensed: VecDeque<(ModuleId, Sensed<Pose>)>,
+    sensed: VecDeque<(ModuleId, Sensed<BodyPose>)>,
 }
 
 impl StructureWorld {
@@ -66,8 +66,8 @@ impl World for StructureWorld {
     fn len(&self) -> usize {
         self.structure.bound()
     }
-    fn place(&self, id: ModuleId) -> Place {
-        Place { docking: Docking::of(&self.structure, id), pose: Pose::default() }
+    fn place(&self, id: ModuleId) -> BodyPlace {
+        BodyPlace { docking: Docking::of(&self.structure, id), pose: BodyPose::default() }
     }
     fn start(&mut self, _now: Time, id: ModuleId, incarnation: Incarnation) {
         self.started[id.index()] = Some(incarnation);
@@ -85,7 +85,7 @@ impl World for StructureWorld {
         Time::NEVER
     }
     fn advance(&mut self, _now: Time) {}
-    fn poll(&mut self) -> Option<(ModuleId, Sensed<Pose>)> {
+    fn poll(&mut self) -> Option<(ModuleId, Sensed<BodyPose>)> {
         self.sensed.pop_front()
     }
 }

@@ -5,7 +5,7 @@ use super::structure_world::StructureWorld;
 use metamorph_kernel::kernel::sim::{Sim, SimConfig};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::free_module::gait::message::Parameters;
-use metamorph_protocol::free_module::gait::{Setup, StartPhases};
+use metamorph_protocol::free_module::gait::{StartPhases, WalkSetup};
 use metamorph_protocol::free_module::named;
 use metamorph_protocol::free_module::network::{Morphology, Network, NetworkKind};
 use metamorph_protocol::free_module::oscillator::{Angle, Phase};
@@ -28,7 +28,7 @@ fn at(seconds: u64) -> Time {
 
 struct Case {
     structure: &'static str,
-    setup: Setup,
+    setup: WalkSetup,
     loss: &'static str,
     delay: Span,
     kill: Option<(u64, u32)>,
@@ -37,7 +37,7 @@ struct Case {
 impl Case {
     /// The case of the acceptance: amplitudes of 0.5 rad, random start phases, half of the messages lost.
     fn lossy(structure: &'static str) -> Case {
-        let setup = Setup { start: StartPhases::Random, ..Setup::new(NetworkKind::BlfSym) };
+        let setup = WalkSetup { start: StartPhases::Random, ..WalkSetup::new(NetworkKind::BlfSym) };
         Case { structure, setup, loss: "50%", delay: Span::millis(200), kill: None }
     }
 

@@ -6,7 +6,7 @@ use super::physics_world::PhysicsWorld;
 use super::rapier::Bodies;
 use super::walking::goal::along;
 use metamorph_kernel::kernel::sim::{Sim, SimConfig};
-use metamorph_protocol::free_module::gait::Setup;
+use metamorph_protocol::free_module::gait::WalkSetup;
 use metamorph_protocol::free_module::gait::message::Parameters;
 use metamorph_protocol::free_module::network::NetworkKind;
 use metamorph_protocol::free_module::structure::{Joint, Structure};
@@ -27,7 +27,7 @@ const LOOK: Span = Span::millis(100);
 
 /// Parameters that all trials of a structure share.
 #[derive(Clone, Debug)]
-pub struct Course {
+pub struct TrialSetup {
     /// The structure, all of whose modules are active.
     pub structure: Structure,
     /// The joint angles at the start in degrees.
@@ -50,7 +50,7 @@ pub struct Course {
 
 /// Result of a trial.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Outcome {
+pub struct TrialOutcome {
     /// The displacement of the centre of mass in the plane, or in the direction that counts, in mm.
     pub distance_mm: f64,
     /// The time walked in seconds: less than that of the course if the trial ended early.
@@ -72,7 +72,7 @@ pub struct Outcome {
 /// A simulated run of bodies and agents.
 pub type Run = Sim<PhysicsWorld<Bodies>, GaitDirector>;
 
-impl Course {
+impl TrialSetup {
     /// Returns when a gait begins.
     pub fn start(&self) -> Time {
         Time::ZERO + if self.dead.is_empty() { REST } else { REST_WITH_DEAD }
@@ -85,7 +85,7 @@ impl Course {
     pub fn run(&self, gait: BTreeMap<Joint, Parameters>, friction: f32) -> Result<Run, PhysicsError> {
         let bodies = Bodies::new(&self.structure, &self.joints_deg, self.down, friction)?;
         let config = SimConfig {
-            setup: Arc::new(Setup::new(self.network)),
+            setup: Arc::new(WalkSetup::new(self.network)),
             link: LinkModel::default(),
             seed: self.seed,
             audit_every: Span::secs(1),
@@ -101,8 +101,12 @@ impl Course {
     /// Carries out a trial.
     ///
     /// # Errors
-    /// As [`Course::run`].
-    pub fn trial(&self, gait: BTreeMap<Joint, Parameters>, friction: f32) -> Result<Outcome, PhysicsError> {
+    /// As [`TrialSetup::run`].
+    pub fn trial(
+        &self,
+        gait: BTreeMap<Joint, Parameters>,
+        friction: f32,
+    ) -> Result<TrialOutcome, PhysicsError> {
         let mut run = self.run(gait, friction)?;
         let (start, end) = (self.start(), self.start() + self.time);
         run.run_until(start);
@@ -122,7 +126,7 @@ impl Course {
                 None => (metres[0] * metres[0] + metres[1] * metres[1]).sqrt(),
             };
         let broken = world.is_broken();
-        Ok(Outcome {
+        Ok(TrialOutcome {
             distance_mm: if broken { 0.0 } else { distance_mm },
             seconds: now.since(start).as_secs_f64(),
             collided: world.collided().is_some(),

@@ -1,7 +1,7 @@
 //! Trials: agents drive bodies, the same each time, and the measures are those of the bodies.
 
 use super::physics::{Down, FRICTION, Physics};
-use super::trial::{Course, Run};
+use super::trial::{Run, TrialSetup};
 use metamorph_protocol::free_module::gait::message::Parameters;
 use metamorph_protocol::free_module::named;
 use metamorph_protocol::free_module::network::{Morphology, NetworkKind};
@@ -11,8 +11,8 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::{Span, Time};
 use std::collections::BTreeMap;
 
-fn course(seconds: u64) -> Course {
-    Course {
+fn setup(seconds: u64) -> TrialSetup {
+    TrialSetup {
         structure: named::structure("quad5-sym").unwrap(),
         joints_deg: vec![[0.0; 3]; 5],
         down: Down::DEFAULT,
@@ -26,10 +26,10 @@ fn course(seconds: u64) -> Course {
 }
 
 /// Returns a gait with equal amplitudes, and phases that differ by a quarter turn from joint to joint.
-fn gait(course: &Course, amplitude: i32) -> BTreeMap<Joint, Parameters> {
-    let mut structure = course.structure.clone();
-    course.dead.iter().for_each(|m| structure.set_passive(*m));
-    let network = Morphology::of(&structure).network(course.network).unwrap();
+fn gait(setup: &TrialSetup, amplitude: i32) -> BTreeMap<Joint, Parameters> {
+    let mut structure = setup.structure.clone();
+    setup.dead.iter().for_each(|m| structure.set_passive(*m));
+    let network = Morphology::of(&structure).network(setup.network).unwrap();
     let parameters = |(i, joint): (usize, &Joint)| {
         let phase = Phase((i as u32) << 30);
         (*joint, Parameters { amplitude: Angle::milliradians(amplitude), offset: Angle::default(), phase })
@@ -39,18 +39,18 @@ fn gait(course: &Course, amplitude: i32) -> BTreeMap<Joint, Parameters> {
 
 #[test]
 fn the_same_gait_gives_the_same_trial() {
-    let course = course(5);
-    let gait = gait(&course, 500);
-    let first = course.trial(gait.clone(), FRICTION).unwrap();
-    assert_eq!(first, course.trial(gait.clone(), FRICTION).unwrap());
-    assert_ne!(first.state, course.trial(gait, 0.6).unwrap().state);
+    let setup = setup(5);
+    let gait = gait(&setup, 500);
+    let first = setup.trial(gait.clone(), FRICTION).unwrap();
+    assert_eq!(first, setup.trial(gait.clone(), FRICTION).unwrap());
+    assert_ne!(first.state, setup.trial(gait, 0.6).unwrap().state);
     assert!(!first.broken && first.distance_mm > 5.0, "{first:?}");
 }
 
 #[test]
 fn without_a_gait_nothing_moves() {
-    let course = course(5);
-    let still = course.trial(BTreeMap::new(), FRICTION).unwrap();
+    let setup = setup(5);
+    let still = setup.trial(BTreeMap::new(), FRICTION).unwrap();
     assert!(still.distance_mm < 1.0 && !still.collided && !still.broken, "{still:?}");
     assert!(still.seconds == 5.0 && still.duty.iter().all(|d| *d > 0.99), "{still:?}");
 }
@@ -62,13 +62,13 @@ fn angles(run: &Run) -> Vec<f32> {
 /// Joints follow the oscillators, and those without one stay at 0.
 #[test]
 fn bodies_follow_the_oscillators() {
-    let course = course(10);
-    let gait = gait(&course, 400);
-    let mut run = course.run(gait.clone(), FRICTION).unwrap();
-    run.run_until(course.start() + Span::secs(8));
+    let setup = setup(10);
+    let gait = gait(&setup, 400);
+    let mut run = setup.run(gait.clone(), FRICTION).unwrap();
+    run.run_until(setup.start() + Span::secs(8));
     let (mut sum, mut count) = (0.0, 0.0);
     for tick in 0..100 {
-        run.run_until(course.start() + Span::secs(8) + Span::millis(20) * tick);
+        run.run_until(setup.start() + Span::secs(8) + Span::millis(20) * tick);
         let found = angles(&run);
         for joint in (0..15).map(Joint) {
             let agents = run.agents();
@@ -90,9 +90,9 @@ fn bodies_follow_the_oscillators() {
 /// The joints of a module that dies stay where they are, and the others go over to the network without them.
 #[test]
 fn a_dead_module_holds_its_joints() {
-    let mut course = course(10);
-    course.dead = vec![ModuleId(0)];
-    let mut run = course.run(gait(&course, 400), FRICTION).unwrap();
+    let mut setup = setup(10);
+    setup.dead = vec![ModuleId(0)];
+    let mut run = setup.run(gait(&setup, 400), FRICTION).unwrap();
     let (mut of_dead, mut of_living): (f32, f32) = (0.0, 0.0);
     for second in 0..15 {
         run.run_until(Time::ZERO + Span::secs(second));
@@ -110,21 +110,21 @@ fn a_dead_module_holds_its_joints() {
 /// Trials end at the first self-collision.
 #[test]
 fn a_self_collision_ends_a_trial() {
-    let mut course = course(20);
-    course.network = NetworkKind::Fo;
-    let gait = gait(&course, 3000);
-    let outcome = course.trial(gait, FRICTION).unwrap();
+    let mut setup = setup(20);
+    setup.network = NetworkKind::Fo;
+    let gait = gait(&setup, 3000);
+    let outcome = setup.trial(gait, FRICTION).unwrap();
     assert!(outcome.collided && outcome.seconds < 20.0, "{outcome:?}");
 }
 
 /// The distance in a direction is that part of the displacement, and backwards it is negative.
 #[test]
 fn a_heading_counts_its_part_of_the_distance() {
-    let mut course = course(5);
-    let gait = gait(&course, 500);
+    let mut setup = setup(5);
+    let gait = gait(&setup, 500);
     let mut distance = |heading_deg| {
-        course.heading_deg = heading_deg;
-        course.trial(gait.clone(), FRICTION).unwrap().distance_mm
+        setup.heading_deg = heading_deg;
+        setup.trial(gait.clone(), FRICTION).unwrap().distance_mm
     };
     let (any, east, north, west) =
         (distance(None), distance(Some(0.0)), distance(Some(90.0)), distance(Some(180.0)));
@@ -135,13 +135,13 @@ fn a_heading_counts_its_part_of_the_distance() {
 /// Where falls end trials, a gait that rolls over ends there.
 #[test]
 fn a_fall_ends_a_trial_if_asked() {
-    let mut course = course(15);
-    course.network = NetworkKind::Fo;
-    let gaits = (4..14).map(|n| gait(&course, 200 * n));
-    let rolls = gaits.map(|gait| (course.trial(gait.clone(), FRICTION).unwrap(), gait));
+    let mut setup = setup(15);
+    setup.network = NetworkKind::Fo;
+    let gaits = (4..14).map(|n| gait(&setup, 200 * n));
+    let rolls = gaits.map(|gait| (setup.trial(gait.clone(), FRICTION).unwrap(), gait));
     let (rolls, gait) = rolls.into_iter().find(|(rolls, _)| rolls.falls > 0).expect("one of them rolls over");
     assert!(!rolls.fallen, "{rolls:?}");
-    course.upright = true;
-    let ends = course.trial(gait, FRICTION).unwrap();
+    setup.upright = true;
+    let ends = setup.trial(gait, FRICTION).unwrap();
     assert!(ends.fallen && ends.falls == 1 && ends.seconds <= rolls.seconds, "{ends:?}");
 }

@@ -4,7 +4,7 @@ use metamorph_kernel::world::invariants::Invariant;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{ModuleId, Port};
 use metamorph_protocol::lattice::Cell;
-use metamorph_protocol::manipulation::load::{Limits, Peak};
+use metamorph_protocol::manipulation::load::{LoadLimits, Peak};
 use metamorph_protocol::metamodule::Metamodule;
 
 /// A metamodule is attached to a connector of the floor by at least one end.
@@ -55,7 +55,7 @@ pub fn element_colour(start: (usize, usize), now: (usize, usize)) -> Result<(), 
 }
 
 /// Checks [`TORQUE`] for a step with an element; `None` if there is no such step.
-pub fn torque(peak: Option<Peak>, limits: Limits) -> Result<(), String> {
+pub fn torque(peak: Option<Peak>, limits: LoadLimits) -> Result<(), String> {
     match peak {
         None => Err("turns into a posture that its element cannot follow".into()),
         Some(peak) if !peak.within(limits) => {
@@ -122,9 +122,9 @@ mod tests {
         assert!(closed_chain(1, 1).is_ok() && closed_chain(2, 0).is_ok() && closed_chain(2, 1).is_err());
         assert!(element_colour((9, 4), (9, 4)).is_ok() && element_colour((9, 4), (9, 5)).is_err());
         let peak = |outer| Some(Peak { outer, middle: 0 });
-        assert!(torque(peak(Limits::NOMINAL.outer), Limits::NOMINAL).is_ok());
-        assert!(torque(peak(Limits::NOMINAL.outer + 1), Limits::NOMINAL).is_err());
-        assert!(torque(None, Limits::NOMINAL).is_err());
+        assert!(torque(peak(LoadLimits::NOMINAL.outer), LoadLimits::NOMINAL).is_ok());
+        assert!(torque(peak(LoadLimits::NOMINAL.outer + 1), LoadLimits::NOMINAL).is_err());
+        assert!(torque(None, LoadLimits::NOMINAL).is_err());
     }
 
     #[test]

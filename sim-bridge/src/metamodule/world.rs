@@ -40,7 +40,7 @@ use std::sync::Arc;
 const FEWEST_PORTS: usize = 24;
 
 #[derive(Clone, Debug, Hash)]
-struct UnderWay {
+struct ActionInProgress {
     to: Pose,
     /// All cells that the body may be in during the action.
     claimed: Vec<Cell>,
@@ -56,7 +56,7 @@ struct Body {
     cells: [Cell; 4],
     /// Contacts grow with the highest port in use.
     ports: Ports<Vec<Option<Contact>>>,
-    under_way: Option<UnderWay>,
+    under_way: Option<ActionInProgress>,
     stuck: bool,
 }
 
@@ -275,7 +275,9 @@ impl MetamoduleWorld {
         let motions = &self.setup.motions;
         let is_shared = self.is_shared(id);
         let body = &mut self.bodies[id.index()];
-        let Some(UnderWay { to, claimed, body_action, fails }) = body.under_way.take() else { return };
+        let Some(ActionInProgress { to, claimed, body_action, fails }) = body.under_way.take() else {
+            return;
+        };
         if fails {
             self.check_end(now, id, &claimed);
             self.action_counts.failed += 1;
@@ -306,7 +308,7 @@ impl MetamoduleWorld {
         self.carry_along(id);
         self.fall_on();
         if matches!(body_action, BodyAction::Grip(_)) {
-            self.note_under_way();
+            self.count_carried();
         }
         self.queue.perceive(id, Percept::Done(to));
         self.check_end(now, id, &claimed);
@@ -371,7 +373,7 @@ impl World for MetamoduleWorld {
         self.action_counts.started += 1;
         self.queue.begin(now + takes, id);
         self.bodies[id.index()].under_way =
-            Some(UnderWay { to, claimed, body_action: action.body_action, fails });
+            Some(ActionInProgress { to, claimed, body_action: action.body_action, fails });
         self.check_begin(now, id);
         self.check_torque(now, id);
         self.check_elements(now);
@@ -394,7 +396,7 @@ impl World for MetamoduleWorld {
             (pose, grips, ports, stuck).hash(&mut hasher);
             let under_way = under_way.as_ref();
             under_way
-                .map(|UnderWay { to, claimed: _, body_action, fails }| (to, body_action, fails))
+                .map(|ActionInProgress { to, claimed: _, body_action, fails }| (to, body_action, fails))
                 .hash(&mut hasher);
         }
         (&self.obstacles, &self.queue).hash(&mut hasher);
@@ -469,7 +471,7 @@ mod tests {
         for landing in table.landings() {
             let (to, _) = reach.postures().find(|(p, _)| landing.postures.contains(p)).unwrap();
             let mut world = MetamoduleWorld::new(Arc::clone(&setup), &[from], 1);
-            for (step, _) in table.way_within(&reach, from.posture, to).unwrap().steps {
+            for (step, _) in table.path_within(&reach, from.posture, to).unwrap().steps {
                 assert!(matches!(act(&mut world, BodyAction::Turn(step)), Percept::Done(_)));
             }
             assert!(matches!(act(&mut world, BodyAction::Attach), Percept::Done(p) if p.both));

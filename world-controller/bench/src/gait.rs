@@ -9,7 +9,7 @@ use metamorph_console::terminal::Live;
 use metamorph_free_modules::gait::ask_tell::{Method, Scored};
 use metamorph_free_modules::gait::space::{Gait, Space};
 use metamorph_protocol::counters::Class;
-use metamorph_protocol::free_module::gait::Setup;
+use metamorph_protocol::free_module::gait::WalkSetup;
 use metamorph_protocol::free_module::named;
 use metamorph_protocol::free_module::network::NetworkKind;
 use metamorph_protocol::free_module::structure::{JOINTS, Joint, Structure};
@@ -148,7 +148,7 @@ where
     W: World<Agent = metamorph_protocol::free_module::gait::FreeModule> + Audited,
 {
     let config = SimConfig {
-        setup: Arc::new(Setup { predict, ..Setup::new(NETWORK) }),
+        setup: Arc::new(WalkSetup { predict, ..WalkSetup::new(NETWORK) }),
         link: LinkModel::default(),
         seed: 1,
         audit_every: Span::secs(1),

@@ -46,7 +46,7 @@ impl Metamodule {
     fn digest_neighbours(&self, hasher: &mut Portable<'_>) {
         let known = |port: Port| {
             let n = self.neighbours.get(port)?;
-            let path = self.policy.negotiated().and_then(|n| n.way_of(port));
+            let path = self.policy.negotiated().and_then(|n| n.path_of(port));
             let (grant, over) = (self.locks.grant_of(port), self.locks.over(port));
             Some((n.session, n.state, path, grant, n.certified_dead, over))
         };

@@ -10,7 +10,7 @@ use metamorph_core::lattice::{Cell, Face};
 use metamorph_planning::manipulation::carry::{CarryTable, held_by};
 use metamorph_planning::manipulation::contact::ElementSweeper;
 use metamorph_planning::manipulation::element::{Element, Grip};
-use metamorph_planning::manipulation::load::{Limits, LoadTable, Peak};
+use metamorph_planning::manipulation::load::{LoadLimits, LoadTable, Peak};
 use metamorph_planning::manipulation::rest::rests;
 use metamorph_roombots::Kind;
 use metamorph_roombots::database::Database;
@@ -76,13 +76,13 @@ pub struct Elements {
     tables: Vec<GripTable>,
     /// By element and goal of the swarm, whether it is not held there.
     lying: Vec<Vec<bool>>,
-    limits: Limits,
+    limits: LoadLimits,
 }
 
 impl Elements {
     /// No elements.
     pub const NONE: Elements =
-        Elements { all: vec![], grips: vec![], tables: vec![], lying: vec![], limits: Limits::NOMINAL };
+        Elements { all: vec![], grips: vec![], tables: vec![], lying: vec![], limits: LoadLimits::NOMINAL };
 
     /// Generates the tables of all elements. Of each, the grips are those that a metamodule in one of the `heads` of a goal
     /// has when the element is where that goal has it, since tables of large elements have hundreds of kilobytes each. An
@@ -92,7 +92,7 @@ impl Elements {
         kind: Kind,
         all: Vec<PassiveElement>,
         heads: &[Vec<Pose>],
-        limits: Limits,
+        limits: LoadLimits,
     ) -> Result<Elements, ElementsError> {
         let (mut grips, mut tables, mut lying) = (Vec::new(), Vec::new(), Vec::new());
         let (mut sweeper, table) = (ElementSweeper::new(), database.table(kind));
@@ -150,7 +150,7 @@ impl Elements {
         &self.all
     }
     /// Returns the limits of torque.
-    pub fn limits(&self) -> Limits {
+    pub fn limits(&self) -> LoadLimits {
         self.limits
     }
     /// Returns the number of the element that a load is; `None` without a load, or if there is no such grip.

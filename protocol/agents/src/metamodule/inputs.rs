@@ -19,7 +19,7 @@ impl Metamodule {
         match message {
             Message::State(state) => self.on_state(now, port, state),
             Message::Path(path) => {
-                if self.with_policy(now, |policy, cx| policy.hear_way(cx.v, port, path)) {
+                if self.with_policy(now, |policy, cx| policy.hear_path(cx.v, port, path)) {
                     self.look_again(now);
                 }
             }
@@ -110,7 +110,7 @@ impl Metamodule {
             }
             match verdict {
                 Verdict::Denied(denial) => {
-                    hit(denial.mark());
+                    hit(denial.coverage_point());
                     Some(denial)
                 }
                 Verdict::Granted | Verdict::GrantedBefore => {

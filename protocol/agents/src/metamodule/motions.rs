@@ -4,7 +4,7 @@ use super::blueprint::{Floor, Seed};
 use super::pose::{Pose, to_world};
 use crate::metamodule::planning::distances::Distances;
 use crate::metamodule::planning::enclosure::EnclosureCache;
-use crate::metamodule::planning::graph::{Bits, Graph};
+use crate::metamodule::planning::graph::{Bits, MotionGraph};
 use crate::metamodule::planning::lru_cache::{Memo, mix};
 use metamorph_core::lattice::Cell;
 use metamorph_roombots::Kind;
@@ -44,7 +44,7 @@ impl fmt::Debug for Motions {
 
 /// Lookup tables derived from the database, and caches of searches; shared by all clones of a [`Motions`].
 struct LaidOut {
-    graph: Graph,
+    graph: MotionGraph,
     distances: Memo<Counted, Arc<Distances>>,
     learnt: EnclosureCache,
 }
@@ -59,7 +59,7 @@ impl LaidOut {
     fn new(database: &Database, kind: Kind) -> LaidOut {
         let table = database.table(kind);
         LaidOut {
-            graph: Graph::new(database, table),
+            graph: MotionGraph::new(database, table),
             distances: Memo::new(KEPT),
             learnt: EnclosureCache::new(),
         }
@@ -102,7 +102,7 @@ impl Motions {
         self.database.table(self.kind)
     }
     /// The table, laid out for searching.
-    pub fn graph(&self) -> &Graph {
+    pub fn graph(&self) -> &MotionGraph {
         &self.laid_out.graph
     }
     /// Returns the bit of a posture in a set of landing postures ([`MotionGraph::rest`]); zero if the posture does

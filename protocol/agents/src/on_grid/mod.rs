@@ -30,7 +30,7 @@ pub enum Span {
 
 /// A floor of connectors with columns on some of them. A body may hang over the rim, a foot may not.
 #[derive(Clone, Debug)]
-pub struct Ground {
+pub struct GridGround {
     width: i16,
     height: i16,
     blocked: Vec<bool>,
@@ -38,11 +38,11 @@ pub struct Ground {
     column: i16,
 }
 
-impl Ground {
+impl GridGround {
     /// Creates a floor without obstacles, of at most 255 by 255 connectors.
-    pub fn open(width: u8, height: u8, column: i16) -> Ground {
+    pub fn open(width: u8, height: u8, column: i16) -> GridGround {
         let blocked = vec![false; usize::from(width) * usize::from(height)];
-        Ground { width: width.into(), height: height.into(), blocked, column }
+        GridGround { width: width.into(), height: height.into(), blocked, column }
     }
     /// Returns true if the floor has this connector.
     pub fn has(&self, x: i16, y: i16) -> bool {
@@ -157,7 +157,7 @@ impl Default for ActionTable {
 #[derive(Clone, Debug)]
 pub struct OnGrid {
     /// The floor.
-    pub ground: Ground,
+    pub ground: GridGround,
     /// Which cells must be free.
     pub span: Span,
     /// The connector to be reached.
@@ -280,7 +280,7 @@ mod tests {
         for span in [Span::Feet, Span::Core, Span::Strict] {
             let mut counts = [0; 8];
             for goal in (0..25).map(|i| (8 + i % 5, 8 + i / 5)).filter(|g| *g != (10, 10)) {
-                let ground = Ground::open(20, 20, 3);
+                let ground = GridGround::open(20, 20, 3);
                 let space = OnGrid { ground, span, goal, actions: actions.clone() };
                 counts[fewest(&space, Standing::upright(10, 10, 0)).unwrap() as usize] += 1;
             }
@@ -296,7 +296,7 @@ mod tests {
         for seed in 0..1_000 {
             let mut rng = Rng::named(seed, "floor", 0);
             let mut draw = |n: u64| rng.below(n) as i16;
-            let mut ground = Ground::open(7, 6, 3);
+            let mut ground = GridGround::open(7, 6, 3);
             for _ in 0..draw(4) {
                 let (x, y, width, height) = (draw(7), draw(6), 1 + draw(3), 1 + draw(3));
                 ground.block(x, y, width, height);

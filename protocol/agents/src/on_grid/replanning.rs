@@ -109,7 +109,7 @@ impl Replanner {
 mod tests {
     use super::*;
     use crate::on_grid::tests::fewest;
-    use crate::on_grid::{ActionTable, Ground, Span};
+    use crate::on_grid::{ActionTable, GridGround, Span};
     use metamorph_core::rng::Rng;
     use std::rc::Rc;
 
@@ -122,7 +122,7 @@ mod tests {
             let mut rng = Rng::named(seed, "edits", 0);
             let span = [Span::Feet, Span::Core, Span::Strict][seed as usize % 3];
             let space =
-                OnGrid { ground: Ground::open(8, 7, 3), span, goal: (6, 5), actions: actions.clone() };
+                OnGrid { ground: GridGround::open(8, 7, 3), span, goal: (6, 5), actions: actions.clone() };
             let mut at = Standing::upright(1, 1, 0);
             let mut walk = Replanner::new(space, at);
             for edit in 0..40 {

@@ -6,7 +6,7 @@
 //! clockwise. A connector is visited once, which makes the search finite; if no neighbour is left the module steps
 //! back.
 
-use super::{GridAction, Ground, OnGrid, Span, Standing};
+use super::{GridAction, GridGround, OnGrid, Span, Standing};
 use metamorph_planning::plan::search::{Method, Search};
 use metamorph_planning::plan::{Cost, Limits, Outcome, Space, Step, actions};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 /// The eight neighbours, clockwise.
 const AROUND: [(i16, i16); 8] = [(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)];
 /// Side of the open floor on which primitives are composed, in connectors.
-const OPEN: u8 = 15;
+const OPEN_WIDTH: u8 = 15;
 
 /// The end of a walk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,9 +38,9 @@ impl Composed {
     /// Returns the actions that lead to the neighbour at (`dx`, `dy`) in the foot frame; none if it is not reachable.
     fn to(&mut self, space: &OnGrid, posture: u8, dx: i16, dy: i16) -> &[GridAction] {
         self.0.entry((posture, dx, dy)).or_insert_with(|| {
-            let middle = i16::from(OPEN) / 2;
+            let middle = i16::from(OPEN_WIDTH) / 2;
             let open = OnGrid {
-                ground: Ground::open(OPEN, OPEN, 0),
+                ground: GridGround::open(OPEN_WIDTH, OPEN_WIDTH, 0),
                 span: Span::Feet,
                 goal: (middle + dx, middle + dy),
                 actions: space.actions.clone(),
@@ -118,7 +118,7 @@ fn next(
 
 /// Returns the number of steps to the goal from every free connector that is connected with it, diagonal steps
 /// included.
-fn distances(ground: &Ground, goal: (i16, i16)) -> BTreeMap<(i16, i16), u32> {
+fn distances(ground: &GridGround, goal: (i16, i16)) -> BTreeMap<(i16, i16), u32> {
     let mut far = BTreeMap::from([(goal, 0)]);
     let mut open = VecDeque::from([(goal, 0)]);
     while let Some(((x, y), n)) = open.pop_front() {
@@ -134,6 +134,6 @@ fn distances(ground: &Ground, goal: (i16, i16)) -> BTreeMap<(i16, i16), u32> {
 }
 
 /// Returns true if steps over free connectors, diagonal ones included, lead from a connector to the goal.
-pub fn joined(ground: &Ground, from: (i16, i16), goal: (i16, i16)) -> bool {
+pub fn joined(ground: &GridGround, from: (i16, i16), goal: (i16, i16)) -> bool {
     distances(ground, goal).contains_key(&from)
 }

@@ -6,8 +6,8 @@ use crate::rng::Rng;
 use crate::time::{Span, Time};
 use serde::{Deserialize, Serialize};
 
-/// A message arrives at the latest with this many sendings.
-const MOST_SENDINGS: u32 = 64;
+/// Largest number of sendings of a message. The last one arrives.
+const SENDINGS_MAX: u32 = 64;
 /// The least time after which an unacknowledged message is sent again.
 const LEAST_RETRY: Span = Span::millis(10);
 
@@ -31,7 +31,7 @@ impl ControllerLink {
     /// Draws when a message arrives that is sent at `now`, and how many sendings of it are lost before. `last` is the
     /// latest arrival in this direction so far.
     pub fn carry(&self, now: Time, rng: &mut Rng, last: &mut Time) -> (Time, u32) {
-        let lost = (0..MOST_SENDINGS - 1).take_while(|_| rng.chance(self.loss)).count() as u32;
+        let lost = (0..SENDINGS_MAX - 1).take_while(|_| rng.chance(self.loss)).count() as u32;
         let spread = self.delay_max - self.delay_min;
         let sent = now + self.retry_after() * u64::from(lost);
         let drawn = sent + self.delay_min + Span(rng.below(spread.0 + 1));
@@ -44,7 +44,7 @@ impl ControllerLink {
         let mut left = 1e6;
         let loss = f64::from(self.loss.num()) / f64::from(self.loss.den());
         let mut lost = 0;
-        while left > 1.0 && lost < MOST_SENDINGS - 1 && loss > 0.0 {
+        while left > 1.0 && lost < SENDINGS_MAX - 1 && loss > 0.0 {
             left *= loss;
             lost += 1;
         }
@@ -83,7 +83,7 @@ mod tests {
     fn a_link_that_loses_nearly_everything_still_delivers() {
         let (link, mut rng, mut last) = (link("100%"), Rng::named(1, "link", 0), Time::ZERO);
         let (at, lost) = link.carry(Time::ZERO, &mut rng, &mut last);
-        assert_eq!(lost, MOST_SENDINGS - 1);
+        assert_eq!(lost, SENDINGS_MAX - 1);
         assert!(at.since(Time::ZERO) <= link.usual_longest());
     }
 }

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::body::{Move, Percept, Refusal};
-use crate::call::{Step, Way};
+use crate::call::{Step, Walk};
 use crate::control::{CustodyAnnouncement, Order, Status};
 use crate::epoch::{Epoch, Opening};
 use crate::route::MAX_HOPS;
@@ -111,7 +111,7 @@ fn every_message_survives_the_wire_and_knows_its_length() {
         motion: Motion { kind: MotionKind::Slide, support: Face::Up, heading: Face::North },
         is_vouched: true,
     };
-    let way = Way::new(Cell::new(-1, 0, 2), &[step; 3]).unwrap();
+    let way = Walk::new(Cell::new(-1, 0, 2), &[step; 3]).unwrap();
     let call = Order::Call { epoch: Epoch::first(1), until: Time(9), way };
     let carry =
         Order::Carry { epoch: Epoch::first(1), mover: ModuleId(7), token: Token(8), face: Face::West };

@@ -153,7 +153,7 @@ impl World {
                 for b in &cubes[n + 1..] {
                     let (twisted_a, twisted_b) = (a.1 != a.2, b.1 != b.2);
                     let together = !twisted_a && !twisted_b && a.1 == b.1;
-                    if !together && touch(model, a, b) {
+                    if !together && collide(model, a, b) {
                         return Err(Refusal::Touch(a.0, b.0));
                     }
                 }
@@ -163,7 +163,7 @@ impl World {
     }
 }
 
-fn touch(model: Model, a: &(usize, bool, bool, Body), b: &(usize, bool, bool, Body)) -> bool {
+fn collide(model: Model, a: &(usize, bool, bool, Body), b: &(usize, bool, bool, Body)) -> bool {
     let twisted = a.1 != a.2 || b.1 != b.2;
     // A cube that twists fills its own cell whatever its angle: only what moves can enter it.
     let passive = twisted && !(a.1 && a.2 || b.1 && b.2);

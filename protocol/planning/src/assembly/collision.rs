@@ -91,12 +91,12 @@ impl Collision {
         parts.iter().enumerate().all(|(i, a)| {
             parts[i + 1..].iter().all(|b| {
                 let (a, b) = if a <= b { (*a, *b) } else { (*b, *a) };
-                !self.touch(outer, a, b)
+                !self.collide(outer, a, b)
             })
         })
     }
 
-    fn touch(&self, outer: bool, a: Part, b: Part) -> bool {
+    fn collide(&self, outer: bool, a: Part, b: Part) -> bool {
         match (a, b) {
             (Part::Still(_), Part::Still(_)) | (Part::Moving(_), Part::Moving(_)) => return false,
             // A cell is filled by its own cube whatever its angle.
@@ -110,7 +110,7 @@ impl Collision {
         if let Some(known) = self.known.borrow().get(&(outer, a, b)) {
             return *known;
         }
-        let verdict = self.model.touch(outer, a, b);
+        let verdict = self.model.collide(outer, a, b);
         self.known.borrow_mut().insert((outer, a, b), verdict);
         verdict
     }
@@ -119,15 +119,15 @@ impl Collision {
 /// Returns true if a cube that turns never comes within reach of another: its height along the axis and its distance from
 /// the pivot stay as they are.
 fn are_apart(outer: bool, still: Vec3, moving: Vec3) -> bool {
-    // Four outer radii in half cells, squared: (4 · 0.5816)² = 5.41.
-    const REACH: i32 = 6;
+    /// Square of a distance of four outer radii, in half cells: (4 · 0.5816)² = 5.41, rounded up.
+    const REACH_SQUARED: i32 = 6;
     let [p, q] = [still, moving].map(|v| v.map(i32::from));
     let square = |v: [i32; 3]| v.iter().map(|x| x * x).sum::<i32>();
     let along = if outer { p.iter().sum::<i32>() - q.iter().sum::<i32>() } else { p[2] - q[2] };
     let unit = if outer { 3 } else { 1 };
     // (|p| − |q|)² > reach, without a root.
-    let sum = square(p) + square(q) - REACH;
-    along * along >= REACH * unit || (sum > 0 && sum * sum > 4 * square(p) * square(q))
+    let sum = square(p) + square(q) - REACH_SQUARED;
+    along * along >= REACH_SQUARED * unit || (sum > 0 && sum * sum > 4 * square(p) * square(q))
 }
 
 /// Returns all cubes in the frame of the joint, for a turn in positive direction: one in negative direction sweeps
@@ -161,7 +161,7 @@ fn parts(turning: &Turning<'_>) -> Vec<Part> {
 }
 
 impl Model {
-    fn touch(self, outer: bool, a: Part, b: Part) -> bool {
+    fn collide(self, outer: bool, a: Part, b: Part) -> bool {
         (0..=SAMPLES).any(|i| {
             let fraction = f64::from(i) / f64::from(SAMPLES);
             let turn = if outer {

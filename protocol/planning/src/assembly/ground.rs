@@ -97,7 +97,7 @@ pub struct Turn {
 }
 
 /// A structure in the course of a turn.
-struct Course {
+struct TurningStructure {
     /// For each module, the frames of its hemispheres and the centres of its cubes, in cells.
     frames: Vec<[Matrix3<f64>; 4]>,
     centres: Vec<[Vector3<f64>; 2]>,
@@ -125,7 +125,7 @@ impl Ground {
         if self.floor.is_some_and(|floor| lowest(&next).1 < floor) {
             return None;
         }
-        let course = Course::of(before, turn, held_moves);
+        let course = TurningStructure::of(before, turn, held_moves);
         let depth = match model {
             Model::Final => None,
             Model::Core => Some(CORE_DEPTH),
@@ -150,7 +150,8 @@ impl Ground {
             return Err(Fall::BelowFloor(module));
         }
         let found = self.gravity.then(|| {
-            Course::still(configuration).overloaded(&joints(configuration, holder, head), self.floor)
+            TurningStructure::still(configuration)
+                .overloaded(&joints(configuration, holder, head), self.floor)
         });
         found.flatten().map_or(Ok(()), Err)
     }
@@ -217,15 +218,15 @@ fn joints(configuration: &Configuration, holder: usize, head: bool) -> Vec<Joint
     found
 }
 
-impl Course {
-    fn still(configuration: &Configuration) -> Course {
+impl TurningStructure {
+    fn still(configuration: &Configuration) -> TurningStructure {
         let t = &**TABLES;
         let matrix = |m: &Module, h: usize| {
             let r = t.times(m.rotation, t.hemisphere[usize::from(m.posture)][h]);
             t.rotations[usize::from(r)].matrix()
         };
         let modules = configuration.modules();
-        Course {
+        TurningStructure {
             frames: modules.iter().map(|m| [0, 1, 2, 3].map(|h| matrix(m, h))).collect(),
             centres: modules.iter().map(|m| m.cells().map(|c| Vector3::from(c.map(f64::from)))).collect(),
             moves: vec![[false; 4]; modules.len()],
@@ -235,8 +236,8 @@ impl Course {
         }
     }
 
-    fn of(before: &Configuration, turn: &Turn, held_moves: bool) -> Course {
-        let mut course = Course::still(before);
+    fn of(before: &Configuration, turn: &Turn, held_moves: bool) -> TurningStructure {
+        let mut course = TurningStructure::still(before);
         for (i, moves) in course.moves.iter_mut().enumerate() {
             for (h, moves) in moves.iter_mut().enumerate() {
                 let behind = if i == turn.module { h > turn.joint.into() } else { turn.behind >> i & 1 != 0 };

@@ -24,8 +24,8 @@ pub type Vec3 = [i8; 3];
 
 /// The offset of coordinates in packed cells.
 pub const OFFSET: i8 = 64;
-/// The packed cell at the origin.
-const ORIGIN: i32 = (OFFSET as i32) << 14 | (OFFSET as i32) << 7 | OFFSET as i32;
+/// The origin as a packed cell.
+const ORIGIN_CODE: i32 = (OFFSET as i32) << 14 | (OFFSET as i32) << 7 | OFFSET as i32;
 
 /// The number that stands for no connector.
 pub const NONE: u8 = u8::MAX;
@@ -172,7 +172,7 @@ impl Tables {
     pub fn packed(&self, rotation: Rot, v: Vec3) -> u64 {
         let weights = &self.weights[usize::from(rotation)];
         let [x, y, z] = v.map(i32::from);
-        (ORIGIN + x * weights[0] + y * weights[1] + z * weights[2]) as u64
+        (ORIGIN_CODE + x * weights[0] + y * weights[1] + z * weights[2]) as u64
     }
     /// Returns the product of two rotations.
     pub fn times(&self, a: Rot, b: Rot) -> Rot {

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 /// A holder and a receiver that hold an element at the same time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Pair {
+pub struct PosturePair {
     /// The posture of the holder.
     pub holder: u16,
     /// The posture of the receiver.
@@ -22,7 +22,7 @@ pub struct HandoverTable {
     /// The number of pairs that hold the element in one place at different ports.
     pub examined: u64,
     /// Those that do not collide, ascending.
-    pub pairs: BTreeMap<LatticePose, Vec<Pair>>,
+    pub pairs: BTreeMap<LatticePose, Vec<PosturePair>>,
 }
 
 /// A posture and the cells of its cubes.
@@ -106,7 +106,7 @@ impl HandoverTable {
             if cells.iter().any(|c| c.z < 0) {
                 continue;
             }
-            free.extend(holders.clear_of(cells).map(|holder| Pair { holder, receiver: *receiver }));
+            free.extend(holders.clear_of(cells).map(|holder| PosturePair { holder, receiver: *receiver }));
         }
         if !free.is_empty() {
             self.pairs.entry(foot).or_default().extend(free);

@@ -16,16 +16,16 @@ pub const MAX_GRAMS: u32 = 20_000;
 
 /// The largest torques of the joints, in µNm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Limits {
+pub struct LoadLimits {
     /// Of the outer joints.
     pub outer: u32,
     /// Of the middle joints.
     pub middle: u32,
 }
 
-impl Limits {
+impl LoadLimits {
     /// The nominal torques of thesis table 2.1.
-    pub const NOMINAL: Limits = Limits { outer: 4_900_000, middle: 3_600_000 };
+    pub const NOMINAL: LoadLimits = LoadLimits { outer: 4_900_000, middle: 3_600_000 };
 }
 
 /// The largest torque during a step, in µNm.
@@ -48,7 +48,7 @@ impl Peak {
         Peak { outer: highest(false), middle: highest(true) }
     }
     /// Returns true if no limit is exceeded.
-    pub fn within(self, limits: Limits) -> bool {
+    pub fn within(self, limits: LoadLimits) -> bool {
         self.outer <= limits.outer && self.middle <= limits.middle
     }
     /// Returns the larger values of both.

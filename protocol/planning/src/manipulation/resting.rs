@@ -4,7 +4,7 @@
 use super::rest::rests;
 use super::scene::{Foothold, Hold, NO_SET};
 use super::terrain::world_cell;
-use super::walking::Ground;
+use super::walking::WalkingGround;
 use metamorph_core::lattice::{Cell, Face};
 use metamorph_roombots::lattice_pose::LatticeRotation;
 use std::collections::{BTreeSet, HashMap};
@@ -42,7 +42,7 @@ impl Resting {
     }
 
     /// Adds all places where the element rests on the floor and is in none of the cells `fixed`.
-    pub fn add_floor(&mut self, ground: &Ground<'_>, fixed: &[Cell]) {
+    pub fn add_floor(&mut self, ground: &WalkingGround<'_>, fixed: &[Cell]) {
         let (scene, fixed): (_, BTreeSet<Cell>) = (ground.scene(), fixed.iter().copied().collect());
         let floor = scene.terrain().connectors().iter().filter(|c| c.normal == Face::Up);
         let floor: BTreeSet<Cell> = floor.map(|c| Cell::new(c.half[0] / 2, c.half[1] / 2, 0)).collect();
@@ -96,7 +96,7 @@ impl Resting {
 }
 
 /// Returns the postures in which a metamodule at a foothold holds the element where it rests, the floor being endless.
-fn lying_at(ground: &Ground<'_>, foothold: Foothold, foot: Cell) -> Vec<Lying> {
+fn lying_at(ground: &WalkingGround<'_>, foothold: Foothold, foot: Cell) -> Vec<Lying> {
     let scene = ground.scene();
     let mut all = Vec::new();
     for (grip, carry) in (0..).zip(scene.carry()) {

@@ -7,8 +7,8 @@
 
 use super::carry::{CarryTable, Cells};
 use super::element::Element;
-use super::handover::{HandoverTable, Pair};
-use super::load::{Limits, LoadTable};
+use super::handover::{HandoverTable, PosturePair};
+use super::load::{LoadLimits, LoadTable};
 use super::terrain::{Terrain, gravity, world_cell};
 use metamorph_core::lattice::{Cell, Face};
 use metamorph_roombots::Kind;
@@ -53,7 +53,7 @@ pub struct Hold {
 
 /// A way to hand the element over between two footholds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Way {
+pub struct Transfer {
     /// The grip and the set of the holder.
     pub holder: (u8, u16),
     /// The set of empty postures that the holder is in afterwards.
@@ -70,12 +70,12 @@ struct Link {
     /// The foothold of the receiver.
     to: Foothold,
     /// The ways, ascending.
-    ways: Arc<[Way]>,
+    ways: Arc<[Transfer]>,
 }
 
 impl Link {
     /// Returns the ways from a set of postures of the holder.
-    fn ways_from(&self, set: u16) -> &[Way] {
+    fn ways_from(&self, set: u16) -> &[Transfer] {
         let first = self.ways.partition_point(|w| w.holder.1 < set);
         let count = self.ways[first..].partition_point(|w| w.holder.1 == set);
         &self.ways[first..first + count]
@@ -114,7 +114,7 @@ impl Scene {
         kind: Kind,
         element: &Element,
         grams: u32,
-        limits: Limits,
+        limits: LoadLimits,
         terrain: Terrain,
     ) -> Scene {
         let carry = CarryTable::all(&database, kind, element);
@@ -191,7 +191,7 @@ impl Scene {
         &self.landings[usize::from(foothold)]
     }
     /// Iterates over the ways to hand the element over from a hold, each with the foothold of the receiver.
-    pub fn ways_from(&self, hold: &Hold) -> impl Iterator<Item = (Foothold, &Way)> {
+    pub fn ways_from(&self, hold: &Hold) -> impl Iterator<Item = (Foothold, &Transfer)> {
         let (links, set) = (&self.links[usize::from(hold.foothold)][usize::from(hold.grip)], hold.set);
         links.iter().flat_map(move |link| link.ways_from(set).iter().map(|way| (link.to, way)))
     }
@@ -241,7 +241,7 @@ impl Scene {
     }
 
     /// Returns the pairs of postures for a way along a link.
-    pub fn pairs(&self, from: Foothold, to: Foothold, way: &Way) -> Vec<Pair> {
+    pub fn pairs(&self, from: Foothold, to: Foothold, way: &Transfer) -> Vec<PosturePair> {
         let relative = self.pose(from).inverse().compose(self.pose(to));
         let pairs = self.handovers[&(way.holder.0, way.receiver.0)].pairs.get(&relative);
         let sets = self.sets_of(from, to, (way.holder.0, way.receiver.0));
@@ -324,7 +324,7 @@ impl Scene {
     }
 
     fn make_links(&mut self, index: &HashMap<LatticePose, Foothold>) {
-        let mut known: HashMap<SameWays, Arc<[Way]>> = HashMap::new();
+        let mut known: HashMap<SameWays, Arc<[Transfer]>> = HashMap::new();
         for from in 0..self.footholds.len() as Foothold {
             let mut links = vec![Vec::new(); self.carry.len()];
             for (grips, table) in &self.handovers {
@@ -338,7 +338,7 @@ impl Scene {
                     ];
                     let key = (*relative, sets.map(|s| s.as_ptr()), *grips);
                     let ways = known.entry(key).or_insert_with(|| {
-                        let mut ways: Vec<Way> =
+                        let mut ways: Vec<Transfer> =
                             pairs.iter().filter_map(self.sets_of(from, *to, *grips)).collect();
                         ways.sort_unstable();
                         ways.dedup();
@@ -359,13 +359,13 @@ impl Scene {
         from: Foothold,
         to: Foothold,
         grips: (u8, u8),
-    ) -> impl Fn(&Pair) -> Option<Way> + use<> {
+    ) -> impl Fn(&PosturePair) -> Option<Transfer> + use<> {
         let (holding, left) = (self.holding(from, grips.0).clone(), self.empty(from).clone());
         let (taking, came) = (self.holding(to, grips.1).clone(), self.empty(to).clone());
         move |pair| {
             let (holder, receiver) = (usize::from(pair.holder), usize::from(pair.receiver));
             let valid = holding[holder] != NO_SET && taking[receiver] != NO_SET;
-            valid.then(|| Way {
+            valid.then(|| Transfer {
                 holder: (grips.0, holding[holder]),
                 left: left[holder],
                 receiver: (grips.1, taking[receiver]),

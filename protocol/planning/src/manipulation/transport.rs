@@ -11,10 +11,10 @@
 
 use super::colour::colours_differ;
 use super::resting::{Place, Resting};
-use super::scene::{Hold, NO_SET, Way};
+use super::scene::{Hold, NO_SET, Transfer};
 pub use super::task::{Refutations, Task};
-use super::verification::{Action, BodyAction, Situation};
-use super::walking::{Body, Ground, Motion, Stand};
+use super::verification::{BodyAction, MoverAction, Situation};
+use super::walking::{Body, Motion, Stand, WalkingGround};
 use crate::plan::search::{Method, Search};
 use crate::plan::{Cost, Limits, Outcome, Space, Step, actions};
 use metamorph_core::lattice::Cell;
@@ -29,7 +29,7 @@ const MEMORY: usize = 256 << 20;
 
 /// Why there is no plan with lattice angles: none in which the element is always held, or, if it may be put down, none at all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Reason {
+pub enum TransportReason {
     /// The goal has cells of the other colour.
     Colour,
     /// No metamodule can hold the element where it is.
@@ -42,7 +42,7 @@ pub enum Reason {
     NoWalk,
 }
 
-names!(Reason {
+names!(TransportReason {
     Colour => "colour",
     NoGrip => "no-grip",
     NoPlace => "no-place",
@@ -52,9 +52,9 @@ names!(Reason {
 
 /// A plan that was carried out with all bodies.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Plan {
+pub struct ManipulationPlan {
     /// The actions in order.
-    pub actions: Vec<Action>,
+    pub actions: Vec<MoverAction>,
     /// The number of hand-overs.
     pub hand_overs: u32,
     /// The connections that the search counted, without the bodies of metamodules that stand still.
@@ -65,17 +65,17 @@ pub struct Plan {
     pub refutations: usize,
 }
 
-impl Plan {
+impl ManipulationPlan {
     /// Returns the number of connections of all metamodules: landings and grips.
     pub fn connections(&self) -> u32 {
-        let connects = |action: &&Action| {
+        let connects = |action: &&MoverAction| {
             matches!(action.body_action, BodyAction::Move(Motion::Land(_)) | BodyAction::Grip { .. })
         };
         self.actions.iter().filter(connects).count() as u32
     }
     /// Returns the sum of all joint motions, in degrees.
     pub fn degrees(&self) -> u32 {
-        let angle = |action: &Action| match action.body_action {
+        let angle = |action: &MoverAction| match action.body_action {
             BodyAction::Move(Motion::Turn { degrees, .. }) => u32::from(degrees),
             _ => 0,
         };
@@ -87,9 +87,9 @@ impl Plan {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Answer {
     /// A plan.
-    Plan(Plan),
+    Plan(ManipulationPlan),
     /// There is no plan with lattice angles.
-    Infeasible(Reason),
+    Infeasible(TransportReason),
     /// Neither a plan nor a proof was found.
     Undecided {
         /// The number of edges that were taken out.
@@ -98,15 +98,15 @@ pub enum Answer {
 }
 
 /// Plans a transport.
-pub fn plan(ground: &Ground<'_>, task: &Task) -> Answer {
+pub fn plan(ground: &WalkingGround<'_>, task: &Task) -> Answer {
     match colours_differ(&task.start, &task.goal) {
-        true => Answer::Infeasible(Reason::Colour),
+        true => Answer::Infeasible(TransportReason::Colour),
         false => plan_any_colour(ground, task),
     }
 }
 
 /// Plans a transport without a look at colours first. If they differ, the search finds that there is no plan.
-pub fn plan_any_colour(ground: &Ground<'_>, task: &Task) -> Answer {
+pub fn plan_any_colour(ground: &WalkingGround<'_>, task: &Task) -> Answer {
     let mut graph = match Relaxed::new(ground, task) {
         Ok(graph) => graph,
         Err(reason) => return Answer::Infeasible(reason),
@@ -123,7 +123,7 @@ pub fn plan_any_colour(ground: &Ground<'_>, task: &Task) -> Answer {
         let (path, lower) = match search.advance(u64::MAX) {
             Step::Done(Outcome::Solved { path, lower }) => (path, lower),
             Step::Done(Outcome::Impossible { .. }) if refutations == 0 => {
-                return Answer::Infeasible(Reason::NoWalk);
+                return Answer::Infeasible(TransportReason::NoWalk);
             }
             _ => return Answer::Undecided { refutations },
         };
@@ -133,7 +133,7 @@ pub fn plan_any_colour(ground: &Ground<'_>, task: &Task) -> Answer {
                 let is_hand_over = |edge: &&Edge| matches!(edge, Edge::HandOver { .. });
                 let hand_overs = edges.iter().filter(is_hand_over).count() as u32;
                 let (actions, relaxed) = (situation.actions, path.cost);
-                return Answer::Plan(Plan { actions, hand_overs, relaxed, lower, refutations });
+                return Answer::Plan(ManipulationPlan { actions, hand_overs, relaxed, lower, refutations });
             }
             Err(failed) => {
                 if edges.is_empty() {
@@ -150,7 +150,7 @@ pub fn plan_any_colour(ground: &Ground<'_>, task: &Task) -> Answer {
 
 /// The manipulation graph of a task, without the bodies of metamodules that stand still.
 struct Relaxed<'a> {
-    ground: &'a Ground<'a>,
+    ground: &'a WalkingGround<'a>,
     task: &'a Task,
     /// The places where the element can rest; the first is that of the start, if it rests there.
     resting: Resting,
@@ -189,7 +189,7 @@ struct State {
 #[derive(Clone, Copy, Debug)]
 enum Edge {
     PickUp { receiver: u8, from: Place, hold: Hold, came: u16 },
-    HandOver { receiver: u8, to: u16, way: Way },
+    HandOver { receiver: u8, to: u16, way: Transfer },
     PutDown { hold: Hold, to: Place, left: u16 },
 }
 
@@ -201,7 +201,7 @@ struct Left {
 }
 
 impl<'a> Relaxed<'a> {
-    fn new(ground: &'a Ground<'a>, task: &'a Task) -> Result<Relaxed<'a>, Reason> {
+    fn new(ground: &'a WalkingGround<'a>, task: &'a Task) -> Result<Relaxed<'a>, TransportReason> {
         let holds = |cells: &[Cell]| {
             let mut holds = ground.scene().holds_at(cells);
             holds.retain(|(hold, _)| ground.exists(hold.foothold));
@@ -219,7 +219,7 @@ impl<'a> Relaxed<'a> {
             goals.retain(|(hold, posture)| ends.contains(&scene.body(hold.foothold, *posture)));
         }
         if picks.is_empty() && held.is_none_or(|(_, hold)| hold.set == NO_SET) {
-            return Err(Reason::NoGrip);
+            return Err(TransportReason::NoGrip);
         }
         let at_rest = held.is_none().then(|| (task.start.clone(), picks.clone()));
         let mut resting = Resting::of_places(at_rest);
@@ -228,12 +228,12 @@ impl<'a> Relaxed<'a> {
         }
         let goal = resting.find(&task.goal).filter(|_| task.rests);
         if goals.is_empty() && goal.is_none_or(|goal| resting.holds(goal).is_empty()) {
-            return Err(Reason::NoPlace);
+            return Err(TransportReason::NoPlace);
         }
         let left = Left::new(ground, &resting, &goals, goal);
         let mut holds = picks.iter().map(|(hold, _)| hold).chain(held.iter().map(|(_, hold)| hold));
         if !holds.any(|hold| left.holds.contains_key(hold)) {
-            return Err(Reason::NoTransfer);
+            return Err(TransportReason::NoTransfer);
         }
         let (begun, carried) = (Situation::new(ground, task), BTreeMap::new());
         Ok(Relaxed {
@@ -335,9 +335,14 @@ impl<'a> Relaxed<'a> {
 }
 
 impl Left {
-    /// Counts from every hold and place to the nearest goal: the holds, or the place. Hand-overs can be taken backwards, and
-    /// an element can be picked up where it can be put down.
-    fn new(ground: &Ground<'_>, resting: &Resting, goals: &[(Hold, u16)], goal: Option<Place>) -> Left {
+    /// Counts from every hold and place to the nearest goal: the holds, or the place. Hand-overs can be taken
+    /// backwards, and an element can be picked up where it can be put down.
+    fn new(
+        ground: &WalkingGround<'_>,
+        resting: &Resting,
+        goals: &[(Hold, u16)],
+        goal: Option<Place>,
+    ) -> Left {
         let (mut left, mut open) = (Left::default(), VecDeque::new());
         let reach = |left: &mut Left, open: &mut VecDeque<Hold>, hold: Hold, n: u16| {
             left.holds.entry(hold).or_insert_with(|| {

@@ -1,10 +1,10 @@
 //! Carries out what the relaxed search found, with the bodies of all metamodules as obstacles.
 
-use super::handover::Pair;
-use super::scene::{Foothold, Hold, Way};
+use super::handover::PosturePair;
+use super::scene::{Foothold, Hold, Transfer};
 use super::task::Task;
 use super::terrain::world_cell;
-use super::walking::{Body, Ground, Motion, Walks, degrees_of};
+use super::walking::{Body, Motion, WalkingGround, Walks, degrees_of};
 use metamorph_core::lattice::Cell;
 use metamorph_roombots::posture::Posture;
 use std::cell::RefCell;
@@ -36,7 +36,7 @@ pub enum BodyAction {
 
 /// An action of a metamodule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Action {
+pub struct MoverAction {
     /// The metamodule, from 0.
     pub mover: usize,
     /// The action of its body.
@@ -46,7 +46,7 @@ pub struct Action {
 /// Where everything is, and what led there.
 #[derive(Clone)]
 pub struct Situation<'a> {
-    ground: &'a Ground<'a>,
+    ground: &'a WalkingGround<'a>,
     /// All metamodules.
     pub bodies: Vec<Body>,
     /// The metamodule that holds the element, and its grip.
@@ -56,7 +56,7 @@ pub struct Situation<'a> {
     /// Cells that nothing may enter.
     fixed: &'a [Cell],
     /// The actions so far.
-    pub actions: Vec<Action>,
+    pub actions: Vec<MoverAction>,
     /// The cache of walks from here; clones share it.
     known: Rc<RefCell<Known<'a>>>,
 }
@@ -72,7 +72,7 @@ struct Known<'a> {
 
 impl<'a> Situation<'a> {
     /// Creates the situation at the start of a task.
-    pub fn new(ground: &'a Ground<'a>, task: &'a Task) -> Situation<'a> {
+    pub fn new(ground: &'a WalkingGround<'a>, task: &'a Task) -> Situation<'a> {
         Situation {
             ground,
             bodies: task.bodies.clone(),
@@ -98,14 +98,14 @@ impl<'a> Situation<'a> {
         before.into_iter().find_map(try_all)
     }
 
-    /// Returns the situation after the holder has handed the element over to `receiver` at foothold `to`. In order: the holder
-    /// carries the element to the place and the receiver comes; the receiver comes first and raises its head afterwards; the
-    /// receiver first goes out of the way.
-    pub fn handed_over(&self, receiver: usize, to: Foothold, way: &Way) -> Option<Situation<'a>> {
+    /// Returns the situation after the holder has handed the element over to `receiver` at foothold `to`. In order:
+    /// the holder carries the element to the place and the receiver comes; the receiver comes first and raises its
+    /// head afterwards; the receiver first goes out of the way.
+    pub fn handed_over(&self, receiver: usize, to: Foothold, way: &Transfer) -> Option<Situation<'a>> {
         let (holder, _) = self.holder?;
         let pairs = self.ground.scene().pairs(self.bodies[holder].foothold, to, way);
         let pairs = spread(&pairs);
-        let taken_over = |at: &Situation<'a>, pair: &Pair| {
+        let taken_over = |at: &Situation<'a>, pair: &PosturePair| {
             at.carried(pair.holder)?
                 .walked(receiver, Body { foothold: to, posture: pair.receiver })
                 .map(|s| s.gripped(receiver, way.receiver.0))
@@ -139,7 +139,7 @@ impl<'a> Situation<'a> {
         let mut after = ends.next()?;
         after.known = Rc::default();
         after.holder = None;
-        after.actions.push(Action { mover: holder, body_action: BodyAction::LetGo });
+        after.actions.push(MoverAction { mover: holder, body_action: BodyAction::LetGo });
         Some(after)
     }
 
@@ -232,7 +232,7 @@ impl<'a> Situation<'a> {
         let mut after = self.before_change();
         after.bodies[mover] = to;
         after.actions.extend(
-            motions.into_iter().map(|motion| Action { mover, body_action: BodyAction::Move(motion) }),
+            motions.into_iter().map(|motion| MoverAction { mover, body_action: BodyAction::Move(motion) }),
         );
         Some(after)
     }
@@ -255,7 +255,7 @@ impl<'a> Situation<'a> {
         after.element = scene.held(foothold, grip, to)?;
         after.actions.extend(path.into_iter().map(|(step, to)| {
             let degrees = degrees_of(usize::from(carry.steps()[step].joint));
-            Action { mover, body_action: BodyAction::Move(Motion::Turn { to, degrees }) }
+            MoverAction { mover, body_action: BodyAction::Move(Motion::Turn { to, degrees }) }
         }));
         Some(after)
     }
@@ -263,16 +263,16 @@ impl<'a> Situation<'a> {
     /// The metamodule grips the element, and the one that held it releases it.
     fn gripped(mut self, receiver: usize, grip: u8) -> Situation<'a> {
         self.known = Rc::default();
-        self.actions.push(Action { mover: receiver, body_action: BodyAction::Grip { grip } });
+        self.actions.push(MoverAction { mover: receiver, body_action: BodyAction::Grip { grip } });
         if let Some((mover, _)) = self.holder.replace((receiver, grip)) {
-            self.actions.push(Action { mover, body_action: BodyAction::LetGo });
+            self.actions.push(MoverAction { mover, body_action: BodyAction::LetGo });
         }
         self
     }
 }
 
 /// Returns at most [`MAX_PAIRS`] pairs, evenly spread.
-fn spread(pairs: &[Pair]) -> Vec<Pair> {
+fn spread(pairs: &[PosturePair]) -> Vec<PosturePair> {
     let step = pairs.len().div_ceil(MAX_PAIRS).max(1);
     pairs.iter().step_by(step).copied().collect()
 }

@@ -1,6 +1,6 @@
 //! Walks of a metamodule without an element: landings from foothold to foothold, among obstacles.
 
-use super::scene::{Foothold, Hold, Scene, Sets, Way};
+use super::scene::{Foothold, Hold, Scene, Sets, Transfer};
 use super::terrain::GridConnector;
 use crate::plan::search::{Method, Search};
 use crate::plan::{Cost, Limits, Outcome, Space, Step};
@@ -17,17 +17,17 @@ pub type Stand = (Foothold, u16);
 pub type Distances = Rc<HashMap<Stand, u16>>;
 
 /// The connectors that exist, and the distances between stands without obstacles.
-pub struct Ground<'a> {
+pub struct WalkingGround<'a> {
     scene: &'a Scene,
     exists: Vec<bool>,
     distances: RefCell<HashMap<Stand, Distances>>,
 }
 
-impl<'a> Ground<'a> {
+impl<'a> WalkingGround<'a> {
     /// Creates the ground of the connectors that `exists` accepts.
-    pub fn new(scene: &'a Scene, exists: impl Fn(&GridConnector) -> bool) -> Ground<'a> {
+    pub fn new(scene: &'a Scene, exists: impl Fn(&GridConnector) -> bool) -> WalkingGround<'a> {
         let exists = scene.terrain().connectors().iter().map(exists).collect();
-        Ground { scene, exists, distances: RefCell::default() }
+        WalkingGround { scene, exists, distances: RefCell::default() }
     }
     /// Returns the scene.
     pub fn scene(&self) -> &'a Scene {
@@ -39,7 +39,7 @@ impl<'a> Ground<'a> {
     }
 
     /// Iterates over the ways to hand the element over from a hold, each with the hold of the receiver.
-    pub fn ways_from(&self, hold: &Hold) -> impl Iterator<Item = (Hold, &'a Way)> {
+    pub fn ways_from(&self, hold: &Hold) -> impl Iterator<Item = (Hold, &'a Transfer)> {
         let ways = self.scene.ways_from(hold).filter(|(to, _)| self.exists(*to));
         ways.map(|(foothold, way)| {
             let (grip, set) = way.receiver;
@@ -77,7 +77,7 @@ impl<'a> Ground<'a> {
 /// Returns true if a metamodule can walk from where it stands to a foothold that `is_out` accepts. It may not enter the
 /// cells in `obstacles`.
 pub fn leaves(
-    ground: &Ground<'_>,
+    ground: &WalkingGround<'_>,
     obstacles: &BTreeSet<Cell>,
     from: Body,
     is_out: impl Fn(Foothold) -> bool,
@@ -110,7 +110,7 @@ pub enum Motion {
 
 /// The walks of a metamodule from where it stands, among obstacles. What is found out for one walk is kept for the next.
 pub struct Walks<'a> {
-    ground: &'a Ground<'a>,
+    ground: &'a WalkingGround<'a>,
     from: Body,
     /// The cells of other bodies.
     obstacles: BTreeSet<Cell>,
@@ -121,7 +121,7 @@ pub struct Walks<'a> {
 
 impl<'a> Walks<'a> {
     /// Creates the walks from a posture at a foothold. The obstacles are the cells of other bodies.
-    pub fn new(ground: &'a Ground<'a>, obstacles: BTreeSet<Cell>, from: Body) -> Walks<'a> {
+    pub fn new(ground: &'a WalkingGround<'a>, obstacles: BTreeSet<Cell>, from: Body) -> Walks<'a> {
         Walks { ground, from, obstacles, sets: RefCell::default(), reached: OnceCell::new() }
     }
 
@@ -206,7 +206,7 @@ impl<'a> Walks<'a> {
     fn turns(&self, at: Body, to: u16) -> Option<Vec<Motion>> {
         let (scene, table) = (self.ground.scene, self.ground.scene.table());
         let blocked = scene.blocked(at.foothold, &self.obstacles);
-        let way = table.way_within(&table.reach(at.posture, &blocked), at.posture, to)?;
+        let way = table.path_within(&table.reach(at.posture, &blocked), at.posture, to)?;
         let turn = |(posture, (step, _)): (&u16, &(u16, _))| {
             let joint = usize::from(table.steps()[usize::from(*step)].joint);
             Motion::Turn { to: *posture, degrees: degrees_of(joint) }

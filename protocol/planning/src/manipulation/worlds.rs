@@ -18,27 +18,27 @@ const START: std::ops::RangeInclusive<i16> = 3..=6;
 
 /// A world: which connectors exist, where two metamodules stand upright, and where the cube goes.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct World {
+pub struct TransportWorld {
     connectors: BTreeSet<GridConnector>,
     bodies: Vec<Body>,
     start: Cell,
     goal: Cell,
 }
 
-impl World {
+impl TransportWorld {
     /// Draws a world in which a connector exists with this probability. The metamodules stand on the two existing
-    /// connectors of the floor nearest to (0, 0) that are two or more cells apart, and the cube lies on the floor; its goal has
-    /// the colour of its start.
-    pub fn draw(scene: &Scene, probability: Ratio, seed: u64) -> World {
-        World::drawn(scene, probability, seed, false)
+    /// connectors of the floor nearest to (0, 0) that are two or more cells apart, and the cube lies on the floor;
+    /// its goal has the colour of its start.
+    pub fn draw(scene: &Scene, probability: Ratio, seed: u64) -> TransportWorld {
+        TransportWorld::drawn(scene, probability, seed, false)
     }
 
     /// Draws a world with all connectors in which the goal has the other colour than the start.
-    pub fn draw_of_other_colour(scene: &Scene, seed: u64) -> World {
-        World::drawn(scene, Ratio::ONE, seed, true)
+    pub fn draw_of_other_colour(scene: &Scene, seed: u64) -> TransportWorld {
+        TransportWorld::drawn(scene, Ratio::ONE, seed, true)
     }
 
-    fn drawn(scene: &Scene, probability: Ratio, seed: u64, is_other: bool) -> World {
+    fn drawn(scene: &Scene, probability: Ratio, seed: u64, is_other: bool) -> TransportWorld {
         let mut rng = Rng::named(seed, "transport", 0);
         let all = scene.terrain().connectors();
         let connectors: BTreeSet<GridConnector> =
@@ -58,7 +58,7 @@ impl World {
             let start = Cell::new(START.start() + draw(START.len() as u64), draw(room[1]), 0);
             let goal = Cell::new(draw(room[0]), draw(room[1]), draw(room[2]));
             if start != goal && (colour(start) != colour(goal)) == is_other && !taken.contains(&start) {
-                return World { connectors, bodies, start, goal };
+                return TransportWorld { connectors, bodies, start, goal };
             }
         }
     }

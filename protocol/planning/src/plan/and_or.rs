@@ -54,7 +54,7 @@ impl Items {
 
 /// Why a bundle cannot leave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Refusal<R> {
+pub struct RemovalRefusal<R> {
     /// The reason.
     pub reason: R,
     /// True if it is proved that the bundle cannot leave; false if no way was found.
@@ -64,7 +64,7 @@ pub struct Refusal<R> {
 /// A structure that is to be taken apart.
 pub trait Removals {
     /// How a bundle leaves.
-    type Way: Clone;
+    type Departure: Clone;
     /// Why a bundle cannot leave.
     type Reason: Clone;
 
@@ -74,7 +74,11 @@ pub trait Removals {
     ///
     /// # Errors
     /// If it cannot, or no way was found.
-    fn remove(&mut self, standing: Items, bundle: Items) -> Result<Self::Way, Refusal<Self::Reason>>;
+    fn remove(
+        &mut self,
+        standing: Items,
+        bundle: Items,
+    ) -> Result<Self::Departure, RemovalRefusal<Self::Reason>>;
 }
 
 /// A bundle that leaves.
@@ -94,7 +98,7 @@ pub struct Stuck<R> {
     /// The smallest such set that was found.
     pub standing: Items,
     /// Each of its bundles, with the reason.
-    pub refusals: Vec<(Items, Refusal<R>)>,
+    pub refusals: Vec<(Items, RemovalRefusal<R>)>,
 }
 
 /// The answer of the search.
@@ -123,7 +127,7 @@ pub fn disassemble<S: Removals>(
     structure: &mut S,
     whole: Items,
     limit: usize,
-) -> Disassembly<S::Way, S::Reason> {
+) -> Disassembly<S::Departure, S::Reason> {
     let node = |structure: &S, standing: Items| Node {
         standing,
         bundles: structure.bundles(standing).into_iter(),
@@ -133,13 +137,13 @@ pub fn disassemble<S: Removals>(
     // Sets that failed, and whether that is proved.
     let mut failed: BTreeMap<Items, bool> = BTreeMap::new();
     let mut stuck: Option<Stuck<S::Reason>> = None;
-    let mut refusals: Vec<Vec<(Items, Refusal<S::Reason>)>> = vec![Vec::new()];
+    let mut refusals: Vec<Vec<(Items, RemovalRefusal<S::Reason>)>> = vec![Vec::new()];
     let mut path = vec![node(structure, whole)];
     let mut examined = 0;
     while let Some(at) = path.last_mut() {
         if at.standing.is_empty() {
             path.pop();
-            let step = |node: Node<S::Way>| {
+            let step = |node: Node<S::Departure>| {
                 let (bundle, way) = node.leaves?;
                 Some(Removal { standing: node.standing, bundle, way })
             };
@@ -191,7 +195,7 @@ pub fn disassemble<S: Removals>(
 
 /// Returns, for each step of the assembly that reverses `sequence`, the steps that must be done before, ascending. Two
 /// steps may be done in either order if each bundle can also leave while the other one is in the other state.
-pub fn precedence<S: Removals>(structure: &mut S, sequence: &[Removal<S::Way>]) -> Vec<Vec<usize>> {
+pub fn precedence<S: Removals>(structure: &mut S, sequence: &[Removal<S::Departure>]) -> Vec<Vec<usize>> {
     let steps: Vec<(Items, Items)> = sequence.iter().rev().map(|r| (r.standing, r.bundle)).collect();
     let mut after = Vec::with_capacity(steps.len());
     for (j, (standing, bundle)) in steps.iter().enumerate() {
@@ -218,19 +222,19 @@ mod tests {
     }
 
     impl Removals for Pile {
-        type Way = ();
+        type Departure = ();
         type Reason = usize;
 
         fn bundles(&self, standing: Items) -> Vec<Items> {
             standing.iter().map(Items::one).collect()
         }
-        fn remove(&mut self, standing: Items, bundle: Items) -> Result<(), Refusal<usize>> {
+        fn remove(&mut self, standing: Items, bundle: Items) -> Result<(), RemovalRefusal<usize>> {
             self.asked += 1;
             let item = bundle.iter().next().unwrap();
             let below = standing.iter().find(|other| self.on[*other].has(item));
             match below {
                 Some(_) if !standing.without(bundle).is_empty() => {
-                    Err(Refusal { reason: item, is_proved: self.proves })
+                    Err(RemovalRefusal { reason: item, is_proved: self.proves })
                 }
                 _ => Ok(()),
             }

@@ -9,8 +9,8 @@ use super::search::{DEAD, chain};
 use super::table::{Id, Table, hash};
 use super::{Cost, MAX_COST, Path, Space};
 
-/// The most slots of the table of transpositions.
-const MOST_SLOTS: usize = 1 << 22;
+/// Largest number of slots of the transposition table.
+const SLOTS_MAX: usize = 1 << 22;
 
 struct Successor<S: Space> {
     state: S::State,
@@ -181,7 +181,7 @@ struct Transpositions {
 
 impl Transpositions {
     fn new(width: usize, room: usize) -> Transpositions {
-        let slots = (room / (width + 4)).clamp(1, MOST_SLOTS);
+        let slots = (room / (width + 4)).clamp(1, SLOTS_MAX);
         Transpositions { width, keys: vec![0; slots * width], marks: vec![(u16::MAX, 0); slots] }
     }
 

@@ -6,8 +6,8 @@ use super::{Limits, Outcome, Path, Progress, Space, Step};
 
 /// Beam search gets one part in this many of memory and work.
 const SHARE: usize = 4;
-/// Expansions of one engine before the other has its turn.
-const TURN: u64 = 64;
+/// Number of expansions of one engine before the other one continues.
+const EXPANSIONS_PER_TURN: u64 = 64;
 
 /// Both searches under way.
 pub struct Portfolio<S: Space> {
@@ -52,14 +52,14 @@ impl<S: Space> Portfolio<S> {
     }
     /// Works for at least `work` expansions, in whole turns.
     pub fn advance(&mut self, work: u64) -> Step {
-        let mut left = work.div_ceil(TURN);
+        let mut left = work.div_ceil(EXPANSIONS_PER_TURN);
         while left > 0 {
             left -= 1;
             self.beams_turn = !self.beams_turn && self.beam.is_some();
             match &mut self.beam {
                 Some(beam) if self.beams_turn => {
                     let before = beam.path().map(|p| p.cost);
-                    let step = beam.advance(TURN);
+                    let step = beam.advance(EXPANSIONS_PER_TURN);
                     if let Some(path) = beam.path().filter(|p| Some(p.cost) != before) {
                         self.exact.know(path.clone());
                     }
@@ -68,7 +68,7 @@ impl<S: Space> Portfolio<S> {
                         self.beam = None;
                     }
                 }
-                _ => match (self.exact.advance(TURN), &self.beam) {
+                _ => match (self.exact.advance(EXPANSIONS_PER_TURN), &self.beam) {
                     (Step::Running, _) => {
                         let Progress { lower, upper, .. } = self.exact.progress();
                         if upper.is_some_and(|upper| upper * OPTIMAL <= lower * self.weight)

@@ -3,11 +3,11 @@
 use super::table::Id;
 use std::collections::BTreeMap;
 
-/// States of a block; with the link to the next one it has 1 KiB.
-const BLOCK: usize = 255;
+/// Number of states of a block; with the link to the next one it has 1 KiB.
+const BLOCK_LEN: usize = 255;
 
 struct Block {
-    ids: [Id; BLOCK],
+    ids: [Id; BLOCK_LEN],
     next: u32,
 }
 
@@ -43,10 +43,10 @@ impl<P: Ord + Copy> Queue<P> {
     }
 
     pub(super) fn push(&mut self, priority: P, id: Id) {
-        let bucket = self.buckets.entry(priority).or_insert(Bucket { block: END, used: BLOCK });
-        if bucket.used == BLOCK {
+        let bucket = self.buckets.entry(priority).or_insert(Bucket { block: END, used: BLOCK_LEN });
+        if bucket.used == BLOCK_LEN {
             let block = if self.free == END {
-                self.blocks.push(Box::new(Block { ids: [0; BLOCK], next: END }));
+                self.blocks.push(Box::new(Block { ids: [0; BLOCK_LEN], next: END }));
                 self.blocks.len() as u32 - 1
             } else {
                 let block = self.free;
@@ -73,7 +73,7 @@ impl<P: Ord + Copy> Queue<P> {
             if next == END {
                 entry.remove();
             } else {
-                *bucket = Bucket { block: next, used: BLOCK };
+                *bucket = Bucket { block: next, used: BLOCK_LEN };
             }
         }
         Some((priority, id))

@@ -5,10 +5,10 @@
 
 use super::Cost;
 
-/// Records of a chunk.
-const CHUNK: usize = 4096;
-/// Slots of the smallest index.
-const LEAST_SLOTS: usize = 1024;
+/// Number of records of a chunk.
+const CHUNK_LEN: usize = 4096;
+/// Number of slots of the smallest index.
+const SLOTS_MIN: usize = 1024;
 /// The share of used slots at which the index grows, in percent.
 const FULL: usize = 80;
 /// The largest share of used slots near the memory limit, in percent.
@@ -21,7 +21,7 @@ pub type Id = u32;
 pub const NO_PARENT: Id = Id::MAX;
 
 /// The bit of [`Node::cost`] that marks an expanded state.
-const EXPANDED: u16 = 0x8000;
+const EXPANDED_MASK: u16 = 0x8000;
 
 /// Fields of a state that are stored apart from its key.
 #[derive(Clone, Copy, Debug, Default)]
@@ -52,7 +52,7 @@ impl std::fmt::Debug for Table {
 impl Table {
     /// Creates an empty table for keys of `width` bytes.
     pub fn new(width: usize) -> Table {
-        let (tags, ids) = (vec![0; LEAST_SLOTS], vec![0; LEAST_SLOTS]);
+        let (tags, ids) = (vec![0; SLOTS_MIN], vec![0; SLOTS_MIN]);
         Table { width, keys: Vec::new(), nodes: Vec::new(), len: 0, tags, ids }
     }
 
@@ -66,21 +66,22 @@ impl Table {
     }
     /// Returns the bytes used.
     pub fn bytes(&self) -> usize {
-        self.keys.len() * CHUNK * (self.width + size_of::<Node>()) + self.tags.len() * (1 + size_of::<Id>())
+        self.keys.len() * CHUNK_LEN * (self.width + size_of::<Node>())
+            + self.tags.len() * (1 + size_of::<Id>())
     }
     /// Returns the bytes that a chunk of records takes.
     pub fn chunk_bytes(&self) -> usize {
-        CHUNK * (self.width + size_of::<Node>())
+        CHUNK_LEN * (self.width + size_of::<Node>())
     }
 
     /// Returns the key of a state.
     pub fn key(&self, id: Id) -> &[u8] {
-        let at = id as usize % CHUNK * self.width;
-        &self.keys[id as usize / CHUNK][at..at + self.width]
+        let at = id as usize % CHUNK_LEN * self.width;
+        &self.keys[id as usize / CHUNK_LEN][at..at + self.width]
     }
     /// Returns the cost from the start.
     pub fn cost(&self, id: Id) -> Cost {
-        Cost::from(self.node(id).cost & !EXPANDED)
+        Cost::from(self.node(id).cost & !EXPANDED_MASK)
     }
     /// Returns the lower bound of the cost to the goal.
     pub fn lower(&self, id: Id) -> Cost {
@@ -92,24 +93,24 @@ impl Table {
     }
     /// Returns true if the state has been expanded with its present cost.
     pub fn is_expanded(&self, id: Id) -> bool {
-        self.node(id).cost & EXPANDED != 0
+        self.node(id).cost & EXPANDED_MASK != 0
     }
     /// Marks a state as expanded with its present cost.
     pub fn set_expanded(&mut self, id: Id) {
-        self.node_mut(id).cost |= EXPANDED;
+        self.node_mut(id).cost |= EXPANDED_MASK;
     }
     /// Gives a state a smaller cost, from another parent; it is no longer expanded.
     pub fn improve(&mut self, id: Id, cost: Cost, parent: Id) {
         let node = self.node_mut(id);
-        node.cost = cost as u16 & !EXPANDED;
+        node.cost = cost as u16 & !EXPANDED_MASK;
         node.parent = parent;
     }
 
     fn node(&self, id: Id) -> &Node {
-        &self.nodes[id as usize / CHUNK][id as usize % CHUNK]
+        &self.nodes[id as usize / CHUNK_LEN][id as usize % CHUNK_LEN]
     }
     fn node_mut(&mut self, id: Id) -> &mut Node {
-        &mut self.nodes[id as usize / CHUNK][id as usize % CHUNK]
+        &mut self.nodes[id as usize / CHUNK_LEN][id as usize % CHUNK_LEN]
     }
 
     /// Finds the state with a key.
@@ -146,15 +147,15 @@ impl Table {
             slot = self.probe(hash, key).expect_err("invariant: the key was not found above");
         }
         let id = self.len as Id;
-        if self.len.is_multiple_of(CHUNK) {
-            self.keys.push(vec![0; CHUNK * self.width].into());
-            self.nodes.push(vec![Node::default(); CHUNK].into());
+        if self.len.is_multiple_of(CHUNK_LEN) {
+            self.keys.push(vec![0; CHUNK_LEN * self.width].into());
+            self.nodes.push(vec![Node::default(); CHUNK_LEN].into());
         }
         self.len += 1;
-        let at = id as usize % CHUNK * self.width;
-        self.keys[id as usize / CHUNK][at..at + self.width].copy_from_slice(key);
+        let at = id as usize % CHUNK_LEN * self.width;
+        self.keys[id as usize / CHUNK_LEN][at..at + self.width].copy_from_slice(key);
         let (cost, lower, parent) = new();
-        *self.node_mut(id) = Node { parent, cost: cost as u16 & !EXPANDED, lower: lower as u16 };
+        *self.node_mut(id) = Node { parent, cost: cost as u16 & !EXPANDED_MASK, lower: lower as u16 };
         self.tags[slot] = tag(hash);
         self.ids[slot] = id;
         (id, true)
@@ -170,7 +171,7 @@ impl Table {
         if records + next * per_slot > limit {
             let record = self.width + size_of::<Node>();
             let states = limit / (record + per_slot * 100 / FULL);
-            next = (states.max(self.len + CHUNK) * 100 / FULL).min(next);
+            next = (states.max(self.len + CHUNK_LEN) * 100 / FULL).min(next);
         }
         if next <= slots {
             if self.len * 100 < slots * CRAMMED {

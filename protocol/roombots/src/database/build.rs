@@ -65,7 +65,7 @@ fn table(builder: TableBuilder, database: &Database) -> Table {
     let mut table = with_places(kind, entries);
     table.steps = steps;
     table.index_steps();
-    table.mark_main_set();
+    table.set_main_set();
     table.min_steps = table.all_min_steps();
     table
 }
@@ -112,7 +112,7 @@ impl Table {
         distance
     }
 
-    fn mark_main_set(&mut self) {
+    fn set_main_set(&mut self) {
         let mut known = vec![false; self.postures.len()];
         let mut largest: Vec<usize> = Vec::new();
         for start in 0..self.postures.len() {

@@ -135,13 +135,13 @@ impl Reader<'_> {
     fn byte(&mut self) -> Result<u8, DatabaseError> {
         Ok(self.take(1)?[0])
     }
-    fn word(&mut self) -> Result<u16, DatabaseError> {
+    fn u16(&mut self) -> Result<u16, DatabaseError> {
         let part = self.take(2)?;
         Ok(u16::from_le_bytes([part[0], part[1]]))
     }
 
     fn database(&mut self) -> Result<Database, DatabaseError> {
-        let count = usize::from(self.word()?);
+        let count = usize::from(self.u16()?);
         let raw = self.take(3 * count)?;
         let signed = |b: u8| i16::from(b as i8);
         let cells: Vec<Cell> =
@@ -160,10 +160,10 @@ impl Reader<'_> {
         if self.byte()? != kind as u8 {
             return Err(self.wrong("the kinds are not in order"));
         }
-        let (posture_count, step_count) = (self.word()?, self.word()?);
+        let (posture_count, step_count) = (self.u16()?, self.u16()?);
         let mut postures: Vec<PostureEntry> = Vec::new();
         for _ in 0..posture_count {
-            let (code, main) = (self.word()?, self.byte()? != 0);
+            let (code, main) = (self.u16()?, self.byte()? != 0);
             if code >= Posture::count(kind) {
                 return Err(self.wrong("there is no such posture"));
             }
@@ -178,7 +178,7 @@ impl Reader<'_> {
             let step = self.step(&table, cells)?;
             table.steps.push(step);
         }
-        let chains = usize::from(self.word()?);
+        let chains = usize::from(self.u16()?);
         if chains != table.chains.len() {
             return Err(self.wrong("the number of chains is wrong"));
         }
@@ -188,7 +188,7 @@ impl Reader<'_> {
     }
 
     fn step(&mut self, table: &Table, cells: usize) -> Result<Step, DatabaseError> {
-        let (from, joint) = (self.word()?, self.byte()?);
+        let (from, joint) = (self.u16()?, self.byte()?);
         let floor = FloorContact::from_index(self.byte()?)
             .filter(|f| *f <= FloorContact::Plate)
             .ok_or_else(|| self.wrong("there is no such contact with the floor"))?;

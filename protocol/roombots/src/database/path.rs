@@ -71,7 +71,7 @@ impl Table {
     }
 
     /// Returns the path to posture `to` of a [`Reach`] that began at `from`; `None` if `to` is not in it.
-    pub fn way_within(&self, reach: &Reach, from: u16, to: u16) -> Option<Transition> {
+    pub fn path_within(&self, reach: &Reach, from: u16, to: u16) -> Option<Transition> {
         let known = from == to || reach.came_by.get(usize::from(to)).copied().flatten().is_some();
         known.then(|| self.trace(from, to, &reach.came_by))
     }
@@ -80,7 +80,7 @@ impl Table {
     /// steps that sweep no cell of `blocked`, core or graze. `None` if there is no path.
     ///
     /// Among paths of the same length the first in the order of the steps is taken.
-    pub fn shortest_way(
+    pub fn shortest_path(
         &self,
         from: u16,
         blocked: &CellSet,
@@ -111,9 +111,9 @@ impl Table {
     }
 
     /// Finds the shortest path to a posture of a shape.
-    pub fn way_to_shape(&self, from: u16, shape: Shape) -> Option<Transition> {
+    pub fn path_to_shape(&self, from: u16, shape: Shape) -> Option<Transition> {
         let is = |p: u16| self.chains[usize::from(self.postures[usize::from(p)].chain)].shape == shape;
-        self.shortest_way(from, &CellSet::default(), is)
+        self.shortest_path(from, &CellSet::default(), is)
     }
 
     fn trace(&self, from: u16, to: u16, came_by: &[Option<(u16, u16)>]) -> Transition {

@@ -486,8 +486,9 @@ fn regula_falsi(mut a: (f64, f64), mut b: (f64, f64), f: impl Fn(f64) -> f64) ->
 
 /// Finds a minimum between `a` and `b` by golden section; stops as soon as it is below zero.
 fn minimum(mut a: f64, mut b: f64, f: impl Fn(f64) -> f64) -> (f64, f64) {
-    const GOLDEN: f64 = 0.618_033_988_749_895;
-    let (mut x, mut y) = (b - GOLDEN * (b - a), a + GOLDEN * (b - a));
+    /// The golden ratio less one.
+    const GOLDEN_RATIO: f64 = 0.618_033_988_749_895;
+    let (mut x, mut y) = (b - GOLDEN_RATIO * (b - a), a + GOLDEN_RATIO * (b - a));
     let (mut fx, mut fy) = (f(x), f(y));
     for _ in 0..48 {
         if fx < 0.0 {
@@ -498,11 +499,11 @@ fn minimum(mut a: f64, mut b: f64, f: impl Fn(f64) -> f64) -> (f64, f64) {
         }
         if fx < fy {
             (b, y, fy) = (y, x, fx);
-            x = b - GOLDEN * (b - a);
+            x = b - GOLDEN_RATIO * (b - a);
             fx = f(x);
         } else {
             (a, x, fx) = (x, y, fy);
-            y = a + GOLDEN * (b - a);
+            y = a + GOLDEN_RATIO * (b - a);
             fy = f(y);
         }
     }

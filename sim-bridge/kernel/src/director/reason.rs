@@ -80,7 +80,7 @@ pub const MATERIAL_EXHAUSTED: Reason = Reason::new(
 )
 .proving(Proves::Counted);
 /// No path leads to a goal cell, even over dead modules.
-pub const NO_WAY: Reason = Reason::new(
+pub const NO_PATH: Reason = Reason::new(
     "no-way",
     Excuse::Always,
     "no way: no module could walk to a goal cell while the others stay where they are",

@@ -9,8 +9,8 @@ use std::fmt;
 pub const LEASE: Span = Span::secs(60);
 /// The longest time that a command can hold.
 pub const LONGEST_LEASE: Span = Span::secs(600);
-/// Places of a goal at most.
-const PLACES: u8 = 128;
+/// Largest number of places of a goal.
+const PLACES_MAX: u8 = 128;
 
 /// A command of an operator to a module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -39,7 +39,7 @@ impl Steering {
         };
         match verb {
             "goto" => Some(Steering::GoTo(read_cell(what)?, lease)),
-            "take" => Some(Steering::Take(what.parse().ok().filter(|seed| *seed < PLACES)?, lease)),
+            "take" => Some(Steering::Take(what.parse().ok().filter(|seed| *seed < PLACES_MAX)?, lease)),
             "hold" if what.is_empty() => Some(Steering::Hold(lease)),
             "swap" => Some(Steering::Swap(ModuleId(rest.trim().parse().ok()?))),
             "release" if rest.trim().is_empty() => Some(Steering::Release),

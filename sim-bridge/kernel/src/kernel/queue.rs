@@ -11,7 +11,8 @@ use metamorph_core::time::{Span, Time};
 use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
 
-const SLOTS: usize = 1 << SLOT_BITS;
+/// Number of slots of the near wheel.
+const SLOT_COUNT: usize = 1 << SLOT_BITS;
 const SLOT_BITS: u32 = 10;
 /// Number of blocks of the far wheel, including the present one; a power of two.
 const BLOCKS: u64 = 256;
@@ -69,7 +70,7 @@ pub struct Queue<T> {
     late: BinaryHeap<Reverse<Numbered<T>>>,
     near: Vec<Vec<Entry<T>>>,
     /// The slots of the near wheel that hold anything, a bit each.
-    occupied: [u64; SLOTS / 64],
+    occupied: [u64; SLOT_COUNT / 64],
     blocks: Vec<Vec<Entry<T>>>,
     in_blocks: usize,
     beyond: BinaryHeap<Reverse<Numbered<T>>>,
@@ -91,8 +92,8 @@ impl<T: Copy> Queue<T> {
             current: Vec::new(),
             taken: 0,
             late: BinaryHeap::new(),
-            near: (0..SLOTS).map(|_| Vec::new()).collect(),
-            occupied: [0; SLOTS / 64],
+            near: (0..SLOT_COUNT).map(|_| Vec::new()).collect(),
+            occupied: [0; SLOT_COUNT / 64],
             blocks: (0..BLOCKS).map(|_| Vec::new()).collect(),
             in_blocks: 0,
             beyond: BinaryHeap::new(),
@@ -152,7 +153,7 @@ impl<T: Copy> Queue<T> {
     }
 
     fn put_near(&mut self, slot: u64, entry: Entry<T>) {
-        let i = slot as usize % SLOTS;
+        let i = slot as usize % SLOT_COUNT;
         let list = &mut self.near[i];
         if list.is_empty() {
             self.occupied[i / 64] |= 1 << (i % 64);

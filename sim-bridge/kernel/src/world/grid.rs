@@ -21,7 +21,8 @@ pub struct Grid {
     slots: Vec<u32>,
 }
 
-const MARGIN: i32 = 4;
+/// Width of the margin on a side that grows.
+const MARGIN_CELLS: i32 = 4;
 
 impl Grid {
     fn index(&self, cell: Cell) -> Option<usize> {
@@ -77,7 +78,7 @@ impl Grid {
             let low = if empty { at } else { old.min[i].min(at) };
             let high = if empty { at } else { (old.min[i] + old.extent[i] as i32 - 1).max(at) };
             // Extra room on the side that had to grow, so that growing is rare.
-            let room = MARGIN + (high - low) / 4;
+            let room = MARGIN_CELLS + (high - low) / 4;
             self.min[i] = if empty || at <= old.min[i] { low - room } else { low };
             let top = if empty || high == at { high + room } else { high };
             self.extent[i] = (top - self.min[i] + 1) as usize;

@@ -10,8 +10,8 @@ use metamorph_kernel::director::port::DirectorPort;
 use metamorph_kernel::director::progress::{Progress, Stage, Stop};
 use metamorph_kernel::director::reason::{Reason, Why};
 use metamorph_kernel::world::World;
-use metamorph_protocol::free_module::reconfiguration::Setup;
-use metamorph_protocol::free_module::reconfiguration::message::{Order, Status};
+use metamorph_protocol::free_module::reconfiguration::LatticeSetup;
+use metamorph_protocol::free_module::reconfiguration::message::{LatticeOrder, LatticeStatus};
 use metamorph_protocol::free_module::reconfiguration::place::configuration;
 use metamorph_protocol::free_module::reconfiguration::planning::Planner;
 use metamorph_protocol::ids::ModuleId;
@@ -21,11 +21,11 @@ use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
 use std::sync::Arc;
 
-pub use super::plan_execution::{PLANNING_RATE, PlanCounts};
+pub use super::plan_execution::{PLANNING_RATE, ReconfigurationCounts};
 
 /// The course of a run.
 #[derive(Clone, Debug)]
-pub struct Course {
+pub struct ReconfigurationRun {
     /// How plans are made.
     pub planner: Planner,
     /// The faults and their times.
@@ -39,8 +39,8 @@ pub struct Course {
 
 /// The director of free modules.
 pub struct FreeModuleDirector {
-    setup: Arc<Setup>,
-    monitor: RunMonitor<Order>,
+    setup: Arc<LatticeSetup>,
+    monitor: RunMonitor<LatticeOrder>,
     failure: Ratio,
     known: Vec<Known>,
     execution: PlanExecution,
@@ -55,8 +55,8 @@ pub struct FreeModuleDirector {
 
 impl FreeModuleDirector {
     /// Creates a director for this many modules.
-    pub fn new(setup: Arc<Setup>, modules: usize, course: Course) -> FreeModuleDirector {
-        let Course { planner, schedule, stop, failure } = course;
+    pub fn new(setup: Arc<LatticeSetup>, modules: usize, course: ReconfigurationRun) -> FreeModuleDirector {
+        let ReconfigurationRun { planner, schedule, stop, failure } = course;
         FreeModuleDirector {
             execution: PlanExecution::new(Arc::clone(&setup), planner),
             setup,
@@ -71,11 +71,11 @@ impl FreeModuleDirector {
     }
 
     /// Returns the faults, the commands and the end of the run.
-    pub fn monitor(&self) -> &RunMonitor<Order> {
+    pub fn monitor(&self) -> &RunMonitor<LatticeOrder> {
         &self.monitor
     }
     /// Returns what has been planned and ordered.
-    pub fn plan_counts(&self) -> PlanCounts {
+    pub fn plan_counts(&self) -> ReconfigurationCounts {
         self.execution.counts
     }
     /// Returns the number of branch locks that were refused.
@@ -215,7 +215,7 @@ impl FreeModuleDirector {
 }
 
 impl DirectorPort<FreeModuleWorld> for FreeModuleDirector {
-    fn report(&mut self, _now: Time, id: ModuleId, report: Status) {
+    fn report(&mut self, _now: Time, id: ModuleId, report: LatticeStatus) {
         let before = self.known[id.index()].status.replace(report);
         let has_moved = before.is_some_and(|before| before.place != report.place);
         if self.execution.is_resting() && (has_moved || self.execution.is_silent(id)) {
@@ -276,7 +276,7 @@ impl DirectorPort<FreeModuleWorld> for FreeModuleDirector {
     fn wake_at(&self) -> Time {
         self.monitor.wake_at(self.execution.wake_at())
     }
-    fn poll(&mut self) -> Option<Command<Order>> {
+    fn poll(&mut self) -> Option<Command<LatticeOrder>> {
         self.monitor.commands.pop_front()
     }
     fn struck(&self) -> &[FaultRecord] {

@@ -9,11 +9,11 @@
 use metamorph_protocol::assembly::action::Action;
 use metamorph_protocol::assembly::configuration::{Configuration, Module};
 use metamorph_protocol::assembly::space::Assembly;
-use metamorph_protocol::free_module::reconfiguration::Setup;
+use metamorph_protocol::free_module::reconfiguration::LatticeSetup;
 use metamorph_protocol::free_module::reconfiguration::message::{
-    BodyAction, Failure, Order, Status, StepName, StepResult,
+    Failure, LatticeBodyAction, LatticeOrder, LatticeStatus, StepName, StepResult,
 };
-use metamorph_protocol::free_module::reconfiguration::place::{Place, configuration};
+use metamorph_protocol::free_module::reconfiguration::place::{LatticePlace, configuration};
 use metamorph_protocol::free_module::reconfiguration::planning::{Frozen, Plan, Planned, Planner};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::runtime::Command;
@@ -23,8 +23,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// Expansions of the planner in one second of scenario time.
 pub const PLANNING_RATE: u64 = 20_000;
-/// Tries of a connection in one plan.
-const TRIES: u8 = 4;
+/// Largest number of tries of a connection in one plan.
+const TRIES_MAX: u8 = 4;
 /// Plans in a row, without a step confirmed in between, after which the modules rest.
 const REPLANS: u32 = 8;
 /// Factor of the patience for a module that is being restarted: the time of a restart depends on the machine.
@@ -32,7 +32,7 @@ const RESTART_PATIENCE: u64 = 32;
 
 /// Counts of plans and orders in a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct PlanCounts {
+pub struct ReconfigurationCounts {
     /// Plans made.
     pub plans: u64,
     /// Actions of the first plan.
@@ -64,13 +64,13 @@ pub(super) struct Known {
     pub launched: bool,
     /// True from the command to restart it until it has started again.
     pub restarting: bool,
-    pub status: Option<Status>,
+    pub status: Option<LatticeStatus>,
     /// Where the body of a module is that is dead, or has not reported yet.
-    pub body: Place,
+    pub body: LatticePlace,
 }
 
 impl Known {
-    fn place(&self) -> Place {
+    fn place(&self) -> LatticePlace {
         self.status.filter(|_| self.alive).map_or(self.body, |status| status.place)
     }
 }
@@ -120,7 +120,7 @@ struct Sent {
 #[derive(Clone, Copy, Debug)]
 struct Side {
     id: ModuleId,
-    body_action: BodyAction,
+    body_action: LatticeBodyAction,
     expect: (u8, u16),
     attempt: u8,
     sent: Option<Sent>,
@@ -136,7 +136,7 @@ struct Step {
 
 /// The plan of a structure, and how far it is carried out.
 pub(super) struct PlanExecution {
-    setup: Arc<Setup>,
+    setup: Arc<LatticeSetup>,
     planner: Planner,
     /// The space of plans, once there was a plan. Never locked by two: the mutex is for types that are not `Sync`.
     space: Option<Mutex<Assembly>>,
@@ -150,13 +150,13 @@ pub(super) struct PlanExecution {
     given_up: BTreeSet<ModuleId>,
     replans: u32,
     pub shortage: Option<Shortage>,
-    pub counts: PlanCounts,
+    pub counts: ReconfigurationCounts,
 }
 
-type Orders = VecDeque<Command<Order>>;
+type Orders = VecDeque<Command<LatticeOrder>>;
 
 impl PlanExecution {
-    pub fn new(setup: Arc<Setup>, planner: Planner) -> PlanExecution {
+    pub fn new(setup: Arc<LatticeSetup>, planner: Planner) -> PlanExecution {
         PlanExecution {
             setup,
             planner,
@@ -170,7 +170,7 @@ impl PlanExecution {
             given_up: BTreeSet::new(),
             replans: 0,
             shortage: None,
-            counts: PlanCounts::default(),
+            counts: ReconfigurationCounts::default(),
         }
     }
 
@@ -269,7 +269,7 @@ impl PlanExecution {
         if (!missing.is_empty() || is_behind()) && now < since + patience {
             if now >= repeat_at {
                 let living = missing.iter().filter(|id| known[id.index()].alive);
-                let hold = |id: &ModuleId| Command::Order(*id, Order::Hold { epoch: self.epoch });
+                let hold = |id: &ModuleId| Command::Order(*id, LatticeOrder::Hold { epoch: self.epoch });
                 orders.extend(living.map(hold));
                 let repeat_at = now + self.setup.resend * 4;
                 self.stage = Stage::Holding { since, repeat_at };
@@ -294,7 +294,7 @@ impl PlanExecution {
     }
 
     /// Returns steps that open the connections that one side holds.
-    fn tidied(&self, places: &[Place], frozen: Frozen) -> Vec<Step> {
+    fn tidied(&self, places: &[LatticePlace], frozen: Frozen) -> Vec<Step> {
         let Some(state) = configuration(places) else { return Vec::new() };
         let mut steps = Vec::new();
         state.facing(|pair| {
@@ -307,8 +307,8 @@ impl PlanExecution {
             let can_act = |(module, _): (u8, u8)| frozen.dead >> module & 1 == 0;
             // A connector that a dead module holds stays so; then the other side holds as well.
             let (site, body_action) = match (can_act(held), can_act(free)) {
-                (true, _) => (held, BodyAction::Detach(held.1)),
-                (false, true) => (free, BodyAction::Attach(free.1)),
+                (true, _) => (held, LatticeBodyAction::Detach(held.1)),
+                (false, true) => (free, LatticeBodyAction::Attach(free.1)),
                 (false, false) => return,
             };
             let place = places[usize::from(site.0)];
@@ -319,7 +319,7 @@ impl PlanExecution {
     }
 
     fn plan(&mut self, now: Time, known: &[Known], orders: &mut Orders) {
-        let places: Vec<Place> = known.iter().map(Known::place).collect();
+        let places: Vec<LatticePlace> = known.iter().map(Known::place).collect();
         let frozen = self.frozen(known);
         if self.replans >= REPLANS {
             return self.give_up(now, Shortage::NotCarriedOut);
@@ -380,13 +380,17 @@ impl PlanExecution {
         let mut steps = Vec::new();
         for (action, after) in plan.actions.iter().zip(&plan.after) {
             let action_counts = match *action {
-                Action::Attach(pair) => [pair.a, pair.b].map(|(m, c)| (m, BodyAction::Attach(c))).to_vec(),
-                Action::Detach(pair) => [pair.a, pair.b].map(|(m, c)| (m, BodyAction::Detach(c))).to_vec(),
+                Action::Attach(pair) => {
+                    [pair.a, pair.b].map(|(m, c)| (m, LatticeBodyAction::Attach(c))).to_vec()
+                }
+                Action::Detach(pair) => {
+                    [pair.a, pair.b].map(|(m, c)| (m, LatticeBodyAction::Detach(c))).to_vec()
+                }
                 Action::Turn { module, joint, positive } => {
-                    vec![(module, BodyAction::Turn { joint, positive })]
+                    vec![(module, LatticeBodyAction::Turn { joint, positive })]
                 }
             };
-            let side = |(module, body_action): (u8, BodyAction)| {
+            let side = |(module, body_action): (u8, LatticeBodyAction)| {
                 let m = at.modules()[usize::from(module)];
                 Side::new(module, body_action, (m.posture, m.held))
             };
@@ -421,8 +425,12 @@ impl PlanExecution {
                     Some(_) => continue,
                 };
                 let step = StepName { epoch, index: index as u16, attempt: side.attempt };
-                let order =
-                    Order::Step { step, body_action: side.body_action, expect: side.expect, not_after };
+                let order = LatticeOrder::Step {
+                    step,
+                    body_action: side.body_action,
+                    expect: side.expect,
+                    not_after,
+                };
                 orders.push_back(Command::Order(side.id, order));
             }
         }
@@ -470,7 +478,7 @@ impl PlanExecution {
                 if failure == Failure::Joint {
                     self.stuck.insert(side.id);
                 }
-                if failure == Failure::Connection && side.attempt + 1 < TRIES {
+                if failure == Failure::Connection && side.attempt + 1 < TRIES_MAX {
                     side.attempt += 1;
                     side.sent = None;
                     return false;
@@ -492,14 +500,14 @@ impl PlanExecution {
 }
 
 impl Side {
-    fn new(module: u8, body_action: BodyAction, expect: (u8, u16)) -> Side {
+    fn new(module: u8, body_action: LatticeBodyAction, expect: (u8, u16)) -> Side {
         Side { id: ModuleId(module.into()), body_action, expect, attempt: 0, sent: None, done: false }
     }
 }
 
-/// Returns true if no two modules overlap and every closed connector faces a module. Of a turn, the reports of all modules
-/// that it moves come one after another, and do not fit until the last has come.
-fn fit(places: &[Place]) -> bool {
+/// Returns true if no two modules overlap and every closed connector faces a module. Of a turn, the reports of all
+/// modules that it moves come one after another, and do not fit until the last has come.
+fn fit(places: &[LatticePlace]) -> bool {
     let Some(state) = configuration(places) else { return false };
     let mut filled = BTreeSet::new();
     if !state.modules().iter().flat_map(Module::cells).all(|cell| filled.insert(cell)) {
@@ -511,7 +519,7 @@ fn fit(places: &[Place]) -> bool {
 }
 
 /// Returns the places with the connections that both sides hold.
-fn agreed(places: &[Place]) -> Vec<Place> {
+fn agreed(places: &[LatticePlace]) -> Vec<LatticePlace> {
     let mut closed = vec![0_u16; places.len()];
     if let Some(state) = configuration(places) {
         state.facing(|pair| {
@@ -523,5 +531,5 @@ fn agreed(places: &[Place]) -> Vec<Place> {
             }
         });
     }
-    places.iter().zip(closed).map(|(place, closed)| Place { closed, ..*place }).collect()
+    places.iter().zip(closed).map(|(place, closed)| LatticePlace { closed, ..*place }).collect()
 }

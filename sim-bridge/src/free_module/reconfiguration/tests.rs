@@ -1,6 +1,6 @@
 //! Tests of world, agents and director together, and of the checks of the world.
 
-use super::director::{Course, FreeModuleDirector, PlanCounts};
+use super::director::{FreeModuleDirector, ReconfigurationCounts, ReconfigurationRun};
 use super::invariants::*;
 use super::reasons::NO_PLAN;
 use super::world::FreeModuleWorld;
@@ -17,11 +17,11 @@ use metamorph_protocol::assembly::collision::Model;
 use metamorph_protocol::assembly::named;
 use metamorph_protocol::assembly::space::{Goal, Objective};
 use metamorph_protocol::defects::Defect;
-use metamorph_protocol::free_module::reconfiguration::Setup;
+use metamorph_protocol::free_module::reconfiguration::LatticeSetup;
 use metamorph_protocol::free_module::reconfiguration::message::{
-    Action, BodyAction, Percept, Refusal, Status, StepName,
+    LatticeAction, LatticeBodyAction, LatticePercept, LatticeRefusal, LatticeStatus, StepName,
 };
-use metamorph_protocol::free_module::reconfiguration::place::Place;
+use metamorph_protocol::free_module::reconfiguration::place::LatticePlace;
 use metamorph_protocol::free_module::reconfiguration::planning::Planner;
 use metamorph_protocol::ids::{ModuleId, Revision};
 use metamorph_protocol::lattice::Cell;
@@ -53,7 +53,7 @@ struct Run {
 struct Ran {
     outcome: Option<Outcome>,
     stall: Option<Stall>,
-    plan: PlanCounts,
+    plan: ReconfigurationCounts,
     broken: Vec<Invariant>,
     trace: u64,
     crashed: u64,
@@ -71,10 +71,10 @@ impl Run {
             seed,
         }
     }
-    fn start(&self) -> Vec<Place> {
-        named::line(self.types).unwrap().modules().iter().map(Place::of).collect()
+    fn start(&self) -> Vec<LatticePlace> {
+        named::line(self.types).unwrap().modules().iter().map(LatticePlace::of).collect()
     }
-    fn course(&self) -> Course {
+    fn course(&self) -> ReconfigurationRun {
         let planner = Planner {
             goal: Goal::Shape(named::shape(self.goal).unwrap()),
             collision: Model::Strict,
@@ -90,10 +90,10 @@ impl Run {
             planned_until: Time::ZERO,
         };
         let schedule = Schedule::new(self.faults.clone());
-        Course { planner, schedule, stop, failure: self.failure }
+        ReconfigurationRun { planner, schedule, stop, failure: self.failure }
     }
     fn simulate(self) -> Ran {
-        let setup = Setup { defect: self.defect, ..Setup::scaled(TURN, TURN / 10) };
+        let setup = LatticeSetup { defect: self.defect, ..LatticeSetup::scaled(TURN, TURN / 10) };
         let setup = Arc::new(setup);
         let physics = Physics { collision: Model::Strict, active: false, standing: None };
         let start = self.start();
@@ -162,7 +162,7 @@ fn a_module_that_dies_and_comes_back_does_no_harm() {
 /// No plan is made around a module while its process starts again, however slow the machine is; around a dead one it is.
 #[test]
 fn a_restart_that_takes_long_is_waited_for() {
-    let setup = Arc::new(Setup::scaled(TURN, TURN / 10));
+    let setup = Arc::new(LatticeSetup::scaled(TURN, TURN / 10));
     let (restart, kill) = (Fault::Restart(ModuleId(0)), Fault::Kill(ModuleId(0)));
     // A fault can be due before the first start of its module is reported.
     for (fault, after_start, is_awaited) in
@@ -188,18 +188,22 @@ fn a_restart_that_takes_long_is_waited_for() {
 /// A turn moves several modules, whose reports come one after another: nothing is planned before the last.
 #[test]
 fn a_report_that_does_not_fit_the_others_is_waited_for() {
-    let setup = Arc::new(Setup::scaled(TURN, TURN / 10));
+    let setup = Arc::new(LatticeSetup::scaled(TURN, TURN / 10));
     let run = Run::new(1);
     let (mut world, places) = (world(run.types), run.start());
     let mut director = FreeModuleDirector::new(setup, places.len(), run.course());
     (0..3).for_each(|id| director.started(at(0), ModuleId(id)));
     director.wake(at(0), &mut world);
-    let report = |director: &mut FreeModuleDirector, id: usize, place: Place| {
-        let status = Status { epoch: 1, place, busy: false, last: None, prevented: 0, waits_for: None };
+    let report = |director: &mut FreeModuleDirector, id: usize, place: LatticePlace| {
+        let status =
+            LatticeStatus { epoch: 1, place, busy: false, last: None, prevented: 0, waits_for: None };
         director.report(at(0), ModuleId(id as u32), status);
     };
     (0..3).for_each(|id| report(&mut director, id, places[id]));
-    for stale in [Place { cell: places[2].cell + Cell::new(0, 0, 4), ..places[2] }, Place { ..places[1] }] {
+    for stale in [
+        LatticePlace { cell: places[2].cell + Cell::new(0, 0, 4), ..places[2] },
+        LatticePlace { ..places[1] },
+    ] {
         report(&mut director, 2, stale);
         director.wake(at(1), &mut world);
         assert_eq!(director.plan_counts().plans, 0, "{stale:?}");
@@ -265,19 +269,19 @@ fn defects_of_agents_are_found() {
 /// A world at the start of a run, its agents left out.
 fn world(types: &'static [u8]) -> FreeModuleWorld {
     let start = Run { types, ..Run::new(1) }.start();
-    let setup = Arc::new(Setup::scaled(TURN, TURN / 10));
+    let setup = Arc::new(LatticeSetup::scaled(TURN, TURN / 10));
     let physics = Physics { collision: Model::Strict, active: false, standing: None };
     FreeModuleWorld::new(setup, physics, &start, 1)
 }
 
-fn act(world: &mut FreeModuleWorld, module: u32, index: u16, body_action: BodyAction) {
+fn act(world: &mut FreeModuleWorld, module: u32, index: u16, body_action: LatticeBodyAction) {
     let step = StepName { epoch: 1, index, attempt: 0 };
     let id = ModuleId(module);
     let revision = world.revision(id);
-    world.act(Time::ZERO, id, revision, &Action { step, body_action, not_after: Time::NEVER });
+    world.act(Time::ZERO, id, revision, &LatticeAction { step, body_action, not_after: Time::NEVER });
 }
 
-fn percepts(world: &mut FreeModuleWorld) -> Vec<(u32, Percept)> {
+fn percepts(world: &mut FreeModuleWorld) -> Vec<(u32, LatticePercept)> {
     world.advance(at(1_000));
     let percept = |(id, sensed)| if let Sensed::Percept(p) = sensed { Some((id, p)) } else { None };
     std::iter::from_fn(|| world.poll()).filter_map(percept).map(|(id, p): (ModuleId, _)| (id.0, p)).collect()
@@ -289,25 +293,25 @@ fn fired(world: &mut FreeModuleWorld) -> Vec<Invariant> {
     all
 }
 
-const BEND: BodyAction = BodyAction::Turn { joint: 1, positive: true };
+const BEND: LatticeBodyAction = LatticeBodyAction::Turn { joint: 1, positive: true };
 
 #[test]
 fn a_turn_carries_all_modules_behind_the_joint() {
     let mut world = world(&[0, 0]);
-    let before: Vec<Place> = (0..3).map(|id| world.place(ModuleId(id))).collect();
+    let before: Vec<LatticePlace> = (0..3).map(|id| world.place(ModuleId(id))).collect();
     act(&mut world, 1, 0, BEND);
     let told = percepts(&mut world);
     assert_eq!(fired(&mut world), []);
-    let after: Vec<Place> = (0..3).map(|id| world.place(ModuleId(id))).collect();
+    let after: Vec<LatticePlace> = (0..3).map(|id| world.place(ModuleId(id))).collect();
     let moved: Vec<usize> = (0..3)
         .filter(|i| (before[*i].cell, before[*i].rotation) != (after[*i].cell, after[*i].rotation))
         .collect();
     assert_eq!(moved.len(), 1, "one side of the middle module: {before:?} {after:?}");
     assert_ne!(before[1].posture, after[1].posture);
     let carried: Vec<u32> =
-        told.iter().filter(|(_, p)| matches!(p, Percept::Carried(_))).map(|(id, _)| *id).collect();
+        told.iter().filter(|(_, p)| matches!(p, LatticePercept::Carried(_))).map(|(id, _)| *id).collect();
     assert_eq!(carried, [moved[0] as u32]);
-    let settled = Percept::Settled { place: after[moved[0]], moved: true };
+    let settled = LatticePercept::Settled { place: after[moved[0]], moved: true };
     assert!(told.contains(&(moved[0] as u32, settled)), "{told:?}");
 }
 
@@ -316,16 +320,24 @@ fn a_turn_carries_all_modules_behind_the_joint() {
 fn bodies_refuse_what_is_not_possible() {
     let mut world = world(&[0]);
     let closed = world.place(ModuleId(0)).closed.trailing_zeros() as u8;
-    for body_action in
-        [BodyAction::Detach(closed), BodyAction::Attach(closed), BodyAction::Attach(4), BodyAction::Detach(4)]
-    {
+    for body_action in [
+        LatticeBodyAction::Detach(closed),
+        LatticeBodyAction::Attach(closed),
+        LatticeBodyAction::Attach(4),
+        LatticeBodyAction::Detach(4),
+    ] {
         act(&mut world, 0, 0, body_action);
-        assert_eq!(percepts(&mut world), [(0, Percept::Refused(Refusal::Impossible))], "{body_action:?}");
+        assert_eq!(
+            percepts(&mut world),
+            [(0, LatticePercept::Refused(LatticeRefusal::Impossible))],
+            "{body_action:?}"
+        );
     }
     act(&mut world, 0, 1, BEND);
     act(&mut world, 0, 2, BEND);
     act(&mut world, 1, 3, BEND);
-    let refused = percepts(&mut world).into_iter().filter(|(_, p)| *p == Percept::Refused(Refusal::Busy));
+    let refused =
+        percepts(&mut world).into_iter().filter(|(_, p)| *p == LatticePercept::Refused(LatticeRefusal::Busy));
     assert!(refused.count() >= 1);
     assert_eq!(fired(&mut world), []);
 }
@@ -363,13 +375,13 @@ fn no_turn_while_pending_fires_in_the_world() {
     let mut world = world(&[0, 0]);
     let of = |world: &mut FreeModuleWorld, first, second| {
         act(world, first, 0, BEND);
-        act(world, second, 1, BodyAction::Turn { joint: 0, positive: true });
+        act(world, second, 1, LatticeBodyAction::Turn { joint: 0, positive: true });
         percepts(world);
         fired(world)
     };
     let (outer, inner) = if world.is_behind(ModuleId(1), ModuleId(0)) { (1, 0) } else { (1, 2) };
     assert_eq!(of(&mut world, inner, inner), []);
-    world.mark_pending(ModuleId(inner));
+    world.make_pending(ModuleId(inner));
     act(&mut world, outer, 2, BEND);
     assert!(fired(&mut world).contains(&NO_TURN_WHILE_PENDING));
 }

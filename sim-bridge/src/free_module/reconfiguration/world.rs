@@ -16,10 +16,10 @@ use metamorph_protocol::assembly::checker::{
 use metamorph_protocol::assembly::collision::Model;
 use metamorph_protocol::digest::Portable;
 use metamorph_protocol::free_module::reconfiguration::message::{
-    Action, BodyAction, Percept, Refusal, Swing,
+    LatticeAction, LatticeBodyAction, LatticePercept, LatticeRefusal, Swing,
 };
-use metamorph_protocol::free_module::reconfiguration::place::{CONNECTORS, Place};
-use metamorph_protocol::free_module::reconfiguration::{LatticeModule, Setup};
+use metamorph_protocol::free_module::reconfiguration::place::{CONNECTORS, LatticePlace};
+use metamorph_protocol::free_module::reconfiguration::{LatticeModule, LatticeSetup};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::ratio::Ratio;
@@ -44,8 +44,8 @@ struct Turn {
 }
 
 #[derive(Clone, Debug)]
-struct UnderWay {
-    action: Action,
+struct ActionInProgress {
+    action: LatticeAction,
     fails: bool,
     turn: Option<Turn>,
 }
@@ -55,14 +55,14 @@ struct Body {
     /// The closed connectors, as bits.
     closed: u16,
     ports: Ports<[Option<Contact>; CONNECTORS]>,
-    under_way: Option<UnderWay>,
+    under_way: Option<ActionInProgress>,
     carried_by: Option<ModuleId>,
     stuck: bool,
 }
 
 /// Counts of the bodies' actions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ActionCounts {
+pub struct StepCounts {
     /// Actions begun.
     pub started: u64,
     /// Steps of joints completed.
@@ -88,7 +88,7 @@ pub struct ActionCounts {
 /// A simulated world of free modules.
 #[derive(Clone, Debug)]
 pub struct FreeModuleWorld {
-    setup: Arc<Setup>,
+    setup: Arc<LatticeSetup>,
     physics: Physics,
     /// Where modules are; `held` are the connections that both sides hold.
     state: Bodies,
@@ -99,8 +99,8 @@ pub struct FreeModuleWorld {
     done: BTreeSet<(u32, u16, ModuleId)>,
     /// Actions confirmed, of the latest epoch.
     confirmed: (u32, BTreeSet<usize>),
-    queue: BodyQueue<Percept>,
-    counts: ActionCounts,
+    queue: BodyQueue<LatticePercept>,
+    counts: StepCounts,
 }
 
 /// Returns a pair in the order of the checker.
@@ -110,15 +110,20 @@ fn pair(a: Site, b: Site) -> (Site, Site) {
 
 impl FreeModuleWorld {
     /// Creates a world with a module at each place; their ids are the indices in the list.
-    pub fn new(setup: Arc<Setup>, physics: Physics, places: &[Place], seed: u64) -> FreeModuleWorld {
-        let body = |place: &Place| Body {
+    pub fn new(
+        setup: Arc<LatticeSetup>,
+        physics: Physics,
+        places: &[LatticePlace],
+        seed: u64,
+    ) -> FreeModuleWorld {
+        let body = |place: &LatticePlace| Body {
             closed: place.closed,
             ports: Ports::new([None; CONNECTORS]),
             under_way: None,
             carried_by: None,
             stuck: false,
         };
-        let robots = places.iter().map(Place::robot).collect();
+        let robots = places.iter().map(LatticePlace::robot).collect();
         let mut world = FreeModuleWorld {
             setup,
             physics,
@@ -128,7 +133,7 @@ impl FreeModuleWorld {
             done: BTreeSet::new(),
             confirmed: (0, BTreeSet::new()),
             queue: BodyQueue::new(seed),
-            counts: ActionCounts::default(),
+            counts: StepCounts::default(),
         };
         for (module, place) in places.iter().enumerate() {
             let closed = Connector::ALL.into_iter().filter(|c| place.is_closed(*c as u8));
@@ -149,11 +154,11 @@ impl FreeModuleWorld {
         self.bodies[id.index()].stuck = stuck;
     }
     /// Returns the counts of actions so far.
-    pub fn counts(&self) -> ActionCounts {
+    pub fn counts(&self) -> StepCounts {
         self.counts
     }
     /// Returns the setup that all modules share.
-    pub fn setup(&self) -> &Setup {
+    pub fn setup(&self) -> &LatticeSetup {
         &self.setup
     }
     /// Returns true if a module acts or is carried.
@@ -163,7 +168,7 @@ impl FreeModuleWorld {
     }
     /// Returns the places of all modules, with the connections that both sides hold. `None` while a turn is under way
     /// or a connection is held by one side only.
-    pub fn at_rest(&self) -> Option<Vec<Place>> {
+    pub fn at_rest(&self) -> Option<Vec<LatticePlace>> {
         let acts = |id| self.is_acting(ModuleId(id));
         let rests = !(0..self.bodies.len() as u32).any(acts) && self.half_open().next().is_none();
         rests.then(|| (0..self.bodies.len() as u32).map(|id| self.place(ModuleId(id))).collect())
@@ -230,38 +235,40 @@ impl FreeModuleWorld {
         }
     }
 
-    fn refuse(&mut self, id: ModuleId, why: Refusal) {
+    fn refuse(&mut self, id: ModuleId, why: LatticeRefusal) {
         match why {
-            Refusal::Blocked => self.counts.blocked += 1,
-            Refusal::Late => self.counts.late += 1,
-            Refusal::Stale => self.counts.stale += 1,
-            Refusal::Busy | Refusal::Impossible => self.counts.impossible += 1,
+            LatticeRefusal::Blocked => self.counts.blocked += 1,
+            LatticeRefusal::Late => self.counts.late += 1,
+            LatticeRefusal::Stale => self.counts.stale += 1,
+            LatticeRefusal::Busy | LatticeRefusal::Impossible => self.counts.impossible += 1,
         }
-        self.queue.perceive(id, Percept::Refused(why));
+        self.queue.perceive(id, LatticePercept::Refused(why));
     }
 
     /// Returns what a turn moves, if the body is able to do the action.
-    fn judge(&self, id: ModuleId, body_action: BodyAction) -> Result<Option<Turn>, Refusal> {
+    fn judge(&self, id: ModuleId, body_action: LatticeBodyAction) -> Result<Option<Turn>, LatticeRefusal> {
         let module = id.index();
         match body_action {
-            BodyAction::Attach(connector) => {
+            LatticeBodyAction::Attach(connector) => {
                 let site = (module, Connector::ALL[usize::from(connector)]);
-                let partner = self.state.partner(site).ok_or(Refusal::Impossible)?;
+                let partner = self.state.partner(site).ok_or(LatticeRefusal::Impossible)?;
                 let passive = self.physics.active && !site.1.is_active() && !partner.1.is_active();
                 match (self.is_closed(site) || passive, self.bodies[partner.0].carried_by) {
-                    (true, _) => Err(Refusal::Impossible),
-                    (false, Some(_)) => Err(Refusal::Busy),
+                    (true, _) => Err(LatticeRefusal::Impossible),
+                    (false, Some(_)) => Err(LatticeRefusal::Busy),
                     (false, None) => Ok(None),
                 }
             }
-            BodyAction::Detach(connector) => {
+            LatticeBodyAction::Detach(connector) => {
                 let site = (module, Connector::ALL[usize::from(connector)]);
                 let mut rest = self.state.clone();
                 rest.held.retain(|held| !self.is_opening(*held) && held.0 != site && held.1 != site);
                 let parts = rest.whole().is_err();
-                if !self.is_closed(site) || parts { Err(Refusal::Impossible) } else { Ok(None) }
+                if !self.is_closed(site) || parts { Err(LatticeRefusal::Impossible) } else { Ok(None) }
             }
-            BodyAction::Turn { joint, positive } => self.turn(module, joint.into(), positive).map(Some),
+            LatticeBodyAction::Turn { joint, positive } => {
+                self.turn(module, joint.into(), positive).map(Some)
+            }
         }
     }
 
@@ -269,21 +276,21 @@ impl FreeModuleWorld {
     fn is_opening(&self, (a, b): (Site, Site)) -> bool {
         [a, b].into_iter().any(|(module, connector)| {
             let body_action = self.bodies[module].under_way.as_ref().map(|u| u.action.body_action);
-            body_action == Some(BodyAction::Detach(connector as u8))
+            body_action == Some(LatticeBodyAction::Detach(connector as u8))
         })
     }
 
-    fn turn(&self, module: usize, joint: usize, positive: bool) -> Result<Turn, Refusal> {
+    fn turn(&self, module: usize, joint: usize, positive: bool) -> Result<Turn, LatticeRefusal> {
         let bound = self.bound();
-        let moving = bound.moving_side(module, joint).ok_or(Refusal::Impossible)?;
+        let moving = bound.moving_side(module, joint).ok_or(LatticeRefusal::Impossible)?;
         match bound.act(PhysicalAction::Turn(module, joint, positive), self.physics) {
-            Err(Reason::Collision(..) | Reason::Touch(..)) => return Err(Refusal::Blocked),
-            Err(_) => return Err(Refusal::Impossible),
+            Err(Reason::Collision(..) | Reason::Touch(..)) => return Err(LatticeRefusal::Blocked),
+            Err(_) => return Err(LatticeRefusal::Impossible),
             Ok(next) => {
-                let cells = next.robots.iter().map(|robot| Place::of_robot(robot, 0).cell);
+                let cells = next.robots.iter().map(|robot| LatticePlace::of_robot(robot, 0).cell);
                 let far = |c: Cell| [c.x, c.y, c.z].into_iter().any(|x| x.abs() > FARTHEST);
                 if cells.into_iter().any(far) {
-                    return Err(Refusal::Impossible);
+                    return Err(LatticeRefusal::Impossible);
                 }
             }
         }
@@ -293,7 +300,7 @@ impl FreeModuleWorld {
             |[low, high]: [[i16; 3]; 2]| (0..3).all(|i| reach[0][i] <= high[i] && low[i] <= reach[1][i]);
         // The cells swept by two turns at once are not sampled, so the turns must be out of each other's reach.
         match turns.into_iter().any(|turn| meets(turn.reach) || turn.moving.contains(&module)) {
-            true => Err(Refusal::Busy),
+            true => Err(LatticeRefusal::Busy),
             false => Ok(Turn { joint, positive, moving, reach }),
         }
     }
@@ -306,31 +313,33 @@ impl FreeModuleWorld {
         let swing = Swing { pivot, axis: axis.map(|a| a as i8), degrees };
         for module in &turn.moving {
             self.bodies[*module].carried_by = Some(id);
-            self.queue.perceive(ModuleId(*module as u32), Percept::Carried(swing));
+            self.queue.perceive(ModuleId(*module as u32), LatticePercept::Carried(swing));
         }
     }
 
     fn complete(&mut self, now: Time, id: ModuleId) {
-        let Some(UnderWay { action, fails, turn }) = self.bodies[id.index()].under_way.take() else { return };
+        let Some(ActionInProgress { action, fails, turn }) = self.bodies[id.index()].under_way.take() else {
+            return;
+        };
         let moved = match (action.body_action, &turn) {
             _ if fails => false,
-            (BodyAction::Turn { .. }, Some(turn)) => self.turned(now, id, turn),
-            (BodyAction::Attach(connector), _) => {
+            (LatticeBodyAction::Turn { .. }, Some(turn)) => self.turned(now, id, turn),
+            (LatticeBodyAction::Attach(connector), _) => {
                 self.attached((id.index(), Connector::ALL[usize::from(connector)]))
             }
-            (BodyAction::Detach(connector), _) => {
+            (LatticeBodyAction::Detach(connector), _) => {
                 self.detached((id.index(), Connector::ALL[usize::from(connector)]));
                 true
             }
-            (BodyAction::Turn { .. }, None) => false,
+            (LatticeBodyAction::Turn { .. }, None) => false,
         };
         for module in turn.iter().flat_map(|turn| &turn.moving) {
             self.bodies[*module].carried_by = None;
             let other = ModuleId(*module as u32);
-            let percept = Percept::Settled { place: self.place(other), moved };
+            let percept = LatticePercept::Settled { place: self.place(other), moved };
             self.queue.perceive(other, percept);
         }
-        let percept = if moved { Percept::Done(self.place(id)) } else { Percept::Failed };
+        let percept = if moved { LatticePercept::Done(self.place(id)) } else { LatticePercept::Failed };
         self.queue.perceive(id, percept);
         if moved {
             self.note_done(now, id, action.step);
@@ -387,8 +396,8 @@ impl World for FreeModuleWorld {
         self.bodies.len()
     }
 
-    fn place(&self, id: ModuleId) -> Place {
-        Place::of_robot(&self.state.robots[id.index()], self.bodies[id.index()].closed)
+    fn place(&self, id: ModuleId) -> LatticePlace {
+        LatticePlace::of_robot(&self.state.robots[id.index()], self.bodies[id.index()].closed)
     }
 
     fn start(&mut self, _now: Time, id: ModuleId, incarnation: Incarnation) {
@@ -403,16 +412,16 @@ impl World for FreeModuleWorld {
         }
     }
 
-    fn act(&mut self, now: Time, id: ModuleId, sensed: Revision, action: &Action) {
+    fn act(&mut self, now: Time, id: ModuleId, sensed: Revision, action: &LatticeAction) {
         let body = &self.bodies[id.index()];
         if self.is_acting(id) {
-            return self.refuse(id, Refusal::Busy);
+            return self.refuse(id, LatticeRefusal::Busy);
         }
         if sensed != body.ports.revision {
-            return self.refuse(id, Refusal::Stale);
+            return self.refuse(id, LatticeRefusal::Stale);
         }
         if now > action.not_after {
-            return self.refuse(id, Refusal::Late);
+            return self.refuse(id, LatticeRefusal::Late);
         }
         let stuck = body.stuck;
         let turn = match self.judge(id, action.body_action) {
@@ -420,13 +429,15 @@ impl World for FreeModuleWorld {
             Err(why) => return self.refuse(id, why),
         };
         let (takes, fails) = match action.body_action {
-            BodyAction::Turn { .. } => (self.setup.turn_time, stuck),
-            BodyAction::Attach(_) => (self.setup.connect_time, self.queue.draw_failure()),
-            BodyAction::Detach(_) => (self.setup.connect_time, false),
+            LatticeBodyAction::Turn { .. } => (self.setup.turn_time, stuck),
+            LatticeBodyAction::Attach(_) => (self.setup.connect_time, self.queue.draw_failure()),
+            LatticeBodyAction::Detach(_) => (self.setup.connect_time, false),
         };
         self.counts.started += 1;
         self.queue.begin(now + takes, id);
-        if let BodyAction::Attach(connector) | BodyAction::Detach(connector) = action.body_action {
+        if let LatticeBodyAction::Attach(connector) | LatticeBodyAction::Detach(connector) =
+            action.body_action
+        {
             let site = (id.index(), Connector::ALL[usize::from(connector)]);
             self.pending.extend(self.state.partner(site).map(|partner| pair(site, partner)));
         }
@@ -434,7 +445,7 @@ impl World for FreeModuleWorld {
             self.check_turn(now, id, turn);
             self.carry(id, turn);
         }
-        self.bodies[id.index()].under_way = Some(UnderWay { action: *action, fails, turn });
+        self.bodies[id.index()].under_way = Some(ActionInProgress { action: *action, fails, turn });
     }
 
     fn next_event(&self) -> Time {
@@ -455,13 +466,13 @@ impl World for FreeModuleWorld {
             (ports, carried_by, stuck).hash(&mut hasher);
             under_way
                 .as_ref()
-                .map(|UnderWay { action, fails, turn }| (action, fails, turn))
+                .map(|ActionInProgress { action, fails, turn }| (action, fails, turn))
                 .hash(&mut hasher);
         }
         self.queue.hash(&mut hasher);
     }
 
-    fn poll(&mut self) -> Option<(ModuleId, Sensed<Percept>)> {
+    fn poll(&mut self) -> Option<(ModuleId, Sensed<LatticePercept>)> {
         self.queue.poll()
     }
 }
@@ -490,7 +501,7 @@ impl FreeModuleWorld {
     pub(super) fn put_on_top(&mut self, id: ModuleId, other: ModuleId) {
         self.state.robots[id.index()] = self.state.robots[other.index()].clone();
     }
-    pub(super) fn mark_pending(&mut self, id: ModuleId) {
+    pub(super) fn make_pending(&mut self, id: ModuleId) {
         self.pending.insert(((id.index(), Connector::C0X), (id.index(), Connector::C0Y)));
     }
 }

@@ -14,8 +14,8 @@ use metamorph_kernel::director::monitor::{RunMonitor, Standing};
 use metamorph_kernel::director::outcome::{Objective, Outcome, Stall, Waiter};
 use metamorph_kernel::director::port::DirectorPort;
 use metamorph_kernel::director::progress::{Progress, Stage, Stop};
-use metamorph_protocol::free_module::gait::body::Status;
-use metamorph_protocol::free_module::gait::message::{Gait as GaitOrder, Order};
+use metamorph_protocol::free_module::gait::body::WalkStatus;
+use metamorph_protocol::free_module::gait::message::{Gait as GaitOrder, WalkOrder};
 use metamorph_protocol::free_module::oscillator::STEP;
 use metamorph_protocol::free_module::structure::Joint;
 use metamorph_protocol::ids::ModuleId;
@@ -40,7 +40,7 @@ const COLLIDED: f64 = 0.001;
 const STANDING: f64 = 1.0;
 
 /// The course of a run.
-pub struct Course {
+pub struct WalkingRun {
     /// The goal.
     pub goal: Goal,
     /// Chooses gaits.
@@ -86,7 +86,7 @@ enum State {
 
 /// The director of a walking structure. Its actions are movements of the structure, its gain is the speed of the goal.
 pub struct WalkDirector {
-    monitor: RunMonitor<Order>,
+    monitor: RunMonitor<WalkOrder>,
     modules: usize,
     goal: Goal,
     tuner: Box<dyn Tuner>,
@@ -110,8 +110,8 @@ pub struct WalkDirector {
 
 impl WalkDirector {
     /// Creates the director of this many modules.
-    pub fn new(modules: usize, course: Course) -> WalkDirector {
-        let Course { goal, tuner, trial, schedule, stop } = course;
+    pub fn new(modules: usize, course: WalkingRun) -> WalkDirector {
+        let WalkingRun { goal, tuner, trial, schedule, stop } = course;
         WalkDirector {
             monitor: RunMonitor::new(schedule, stop),
             modules,
@@ -133,7 +133,7 @@ impl WalkDirector {
     }
 
     /// Returns the faults, the commands and the end of the run.
-    pub fn monitor(&self) -> &RunMonitor<Order> {
+    pub fn monitor(&self) -> &RunMonitor<WalkOrder> {
         &self.monitor
     }
     /// Returns what was done, in order.
@@ -141,8 +141,8 @@ impl WalkDirector {
         &self.situations
     }
     /// Returns the time walked, the distance from the start and the length of the path in mm.
-    pub fn way(&self) -> (Span, f64, f64) {
-        let (distance, path) = self.measure.way_mm();
+    pub fn walked(&self) -> (Span, f64, f64) {
+        let (distance, path) = self.measure.distance_and_path_mm();
         (self.measure.time(), distance, path)
     }
     /// Returns how far the structure has turned in degrees, counter-clockwise seen from above.
@@ -251,10 +251,10 @@ impl WalkDirector {
         let orders: Vec<_> = self.members.alive().map(|id| self.order_of(id)).collect();
         self.monitor.commands.extend(orders);
     }
-    fn order_of(&self, id: ModuleId) -> Command<Order> {
+    fn order_of(&self, id: ModuleId) -> Command<WalkOrder> {
         let (start, gait) = &self.gait;
         let joints = [0, 1, 2].map(|j| gait.get(&Joint::new(id, j)).copied());
-        Command::Order(id, Order::Gait(GaitOrder { epoch: self.epoch, start: *start, joints }))
+        Command::Order(id, WalkOrder::Gait(GaitOrder { epoch: self.epoch, start: *start, joints }))
     }
 
     /// Takes the speed of the gait that was tried, and decides how to continue.
@@ -374,7 +374,7 @@ impl WalkDirector {
 }
 
 impl<P: Physics> DirectorPort<PhysicsWorld<P>> for WalkDirector {
-    fn report(&mut self, _: Time, id: ModuleId, report: Status) {
+    fn report(&mut self, _: Time, id: ModuleId, report: WalkStatus) {
         if self.members.is_alive(id) {
             self.agreed.insert(id, report.known);
         }
@@ -419,7 +419,7 @@ impl<P: Physics> DirectorPort<PhysicsWorld<P>> for WalkDirector {
     fn wake_at(&self) -> Time {
         self.monitor.wake_at(Time::NEVER)
     }
-    fn poll(&mut self) -> Option<Command<Order>> {
+    fn poll(&mut self) -> Option<Command<WalkOrder>> {
         self.monitor.commands.pop_front()
     }
     fn struck(&self) -> &[FaultRecord] {

@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 /// The time over which the speed is measured: two periods of the oscillators.
 pub const WINDOW: Span = Span::secs(10);
 /// The time over which the path is measured: a period. Swings within a period do not lengthen it.
-const STRIDE: Span = Span::secs(5);
+const PATH_WINDOW: Span = Span::secs(5);
 
 /// Where the centre of mass was.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,8 +23,8 @@ struct Sample {
 pub struct Measure {
     first: Option<Sample>,
     recent: VecDeque<Sample>,
-    /// The end of the last complete stride.
-    stride: Option<Sample>,
+    /// The end of the last complete period.
+    path_end: Option<Sample>,
     path_mm: f64,
     /// Where modules were last, and how far the structure has turned since the first sample.
     modules: Vec<[f32; 2]>,
@@ -55,10 +55,10 @@ impl Measure {
         self.modules = modules;
         let sample = Sample { at, place, turned: self.turned };
         self.first.get_or_insert(sample);
-        let last = *self.stride.get_or_insert(sample);
-        if at.since(last.at) >= STRIDE {
+        let last = *self.path_end.get_or_insert(sample);
+        if at.since(last.at) >= PATH_WINDOW {
             self.path_mm += distance_mm(last, sample);
-            self.stride = Some(sample);
+            self.path_end = Some(sample);
         }
         self.recent.push_back(sample);
         while self.recent.get(1).is_some_and(|second| at.since(second.at) >= keep) {
@@ -87,7 +87,7 @@ impl Measure {
         self.turned.to_degrees()
     }
     /// Returns the distance from the first place, and the length of the path, in mm.
-    pub fn way_mm(&self) -> (f64, f64) {
+    pub fn distance_and_path_mm(&self) -> (f64, f64) {
         let ends = self.first.zip(self.recent.back().copied());
         (ends.map_or(0.0, |(first, last)| distance_mm(first, last)), self.path_mm)
     }
@@ -166,7 +166,7 @@ mod tests {
             }
         }
         assert_eq!(measure.since(at(1_000)), None, "forgotten");
-        let (distance, path) = measure.way_mm();
+        let (distance, path) = measure.distance_and_path_mm();
         assert!((distance - 400.0).abs() < 0.1 && (path - 400.0).abs() < 0.1, "{distance} {path}");
         assert!((measure.turned_deg() - 180.0).abs() < 0.1, "{}", measure.turned_deg());
         assert_eq!(measure.time(), Span::secs(40));

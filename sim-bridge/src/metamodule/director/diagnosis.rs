@@ -10,7 +10,7 @@ use crate::metamodule::reasons::{
 use crate::metamodule::relocation::Elsewhere;
 use metamorph_kernel::director::outcome::{Proof, Stall, Waiter};
 use metamorph_kernel::director::reason::Why;
-use metamorph_kernel::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_WAY};
+use metamorph_kernel::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_PATH};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::message::Status;
@@ -66,7 +66,7 @@ impl Diagnosis<'_> {
         } else if matches!(sought, SearchResult::Path(_)) {
             BLOCKED
         } else if matches!(sought, SearchResult::NoWay(_)) || self.view.is_out_of_reach() {
-            NO_WAY
+            NO_PATH
         } else if negotiated {
             BLOCKED
         } else if free.iter().filter(|w| w.on.is_some()).count() >= if ordered { free.len() } else { 1 } {
@@ -78,7 +78,7 @@ impl Diagnosis<'_> {
             && self.relocation.is_allowed
             && !matches!(self.relocation.elsewhere(), Some(Elsewhere::Barred(_)));
         let reason = match here {
-            SEED_BLOCKED | NO_WAY if may_be_elsewhere => MISPLACED,
+            SEED_BLOCKED | NO_PATH if may_be_elsewhere => MISPLACED,
             here => here,
         };
         Stall {

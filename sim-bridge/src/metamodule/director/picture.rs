@@ -78,7 +78,7 @@ impl Scene for Picture<'_> {
             Level::Safe | Level::Teleoperation => match dead {
                 Some(dead) => vec![Fault::Restart(dead)],
                 None => (floor.take(lease))
-                    .or_else(|| floor.clear_way(lease))
+                    .or_else(|| floor.clear_path(lease))
                     .or_else(|| floor.send_away(id, lease, rng))
                     .unwrap_or_default(),
             },
@@ -86,7 +86,7 @@ impl Scene for Picture<'_> {
                 Some(dead) => vec![Fault::Restart(dead)],
                 None => (floor.take(lease))
                     .or_else(|| self.is_barred().then(|| self.move_goal(rng).map(|f| vec![f])).flatten())
-                    .or_else(|| floor.clear_way(lease))
+                    .or_else(|| floor.clear_path(lease))
                     .or_else(|| floor.send_away(id, lease, rng))
                     .or_else(|| self.move_goal(rng).map(|fault| vec![fault]))
                     .unwrap_or_default(),
@@ -174,7 +174,7 @@ impl<'a> Floor<'a> {
     }
 
     /// Those in the way of one to an open place step aside, and it takes the place: the case with the fewest.
-    fn clear_way(&self, lease: Span) -> Option<Vec<Fault>> {
+    fn clear_path(&self, lease: Span) -> Option<Vec<Fault>> {
         let mut best: Option<Vec<Fault>> = None;
         for (id, pose) in &self.free {
             for (number, seed) in &self.open {

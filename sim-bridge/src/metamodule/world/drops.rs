@@ -1,6 +1,6 @@
 //! Elements that are dropped: a latch opens by itself, and the element falls straight down to the first support.
 
-use super::{MetamoduleWorld, UnderWay};
+use super::{ActionInProgress, MetamoduleWorld};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::manipulation::colour::colour;
@@ -44,7 +44,9 @@ impl MetamoduleWorld {
         }
         let elements = &self.setup.elements;
         for body in &mut self.bodies {
-            if let Some(UnderWay { body_action: BodyAction::Grip(load), fails, .. }) = &mut body.under_way {
+            if let Some(ActionInProgress { body_action: BodyAction::Grip(load), fails, .. }) =
+                &mut body.under_way
+            {
                 *fails |= elements.of(*load) == Some(element);
             }
         }

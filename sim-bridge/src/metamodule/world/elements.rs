@@ -5,7 +5,7 @@
 //! when the process of its metamodule is gone.
 
 use super::drops::odd;
-use super::{Body, MetamoduleWorld, UnderWay};
+use super::{ActionInProgress, Body, MetamoduleWorld};
 use crate::metamodule::invariants::{
     CLOSED_CHAIN, ELEMENT_COLOUR, ELEMENT_HELD, ELEMENT_SPACE, TORQUE, closed_chain, element_colour,
     element_held, element_space, torque,
@@ -90,7 +90,7 @@ impl MetamoduleWorld {
     /// Returns true if the element must not move: another metamodule than `id` holds it or is gripping it.
     fn is_fastened(&self, id: ModuleId, element: usize) -> bool {
         let grips = |of: &Body| match of.under_way {
-            Some(UnderWay { body_action: BodyAction::Grip(load), .. }) => {
+            Some(ActionInProgress { body_action: BodyAction::Grip(load), .. }) => {
                 self.setup.elements.of(load) == Some(element)
             }
             _ => false,
@@ -151,7 +151,7 @@ impl MetamoduleWorld {
     }
 
     /// Counts the elements that are held and not at a goal.
-    pub(super) fn note_under_way(&mut self) {
+    pub(super) fn count_carried(&mut self) {
         let is_held = |e: &usize| self.holders(*e).next().is_some();
         let all = self.setup.elements.all().iter().enumerate();
         let away = all.filter(|(e, passive)| passive.goals.iter().all(|goal| goal != self.element(*e)));
@@ -221,7 +221,7 @@ mod tests {
     use super::super::tests::{act_of, setup, upright};
     use super::*;
     use metamorph_kernel::world::invariants::Invariant;
-    use metamorph_protocol::manipulation::load::Limits;
+    use metamorph_protocol::manipulation::load::LoadLimits;
     use metamorph_protocol::metamodule::elements::{Elements, PassiveElement};
     use metamorph_protocol::metamodule::message::{Percept, Refusal};
     use metamorph_protocol::metamodule::params::Setup;
@@ -230,9 +230,9 @@ mod tests {
     const IMPOSSIBLE: Percept = Percept::Refused(Refusal::Impossible);
 
     /// A cube that a metamodule at (6, 6) can pick up; its goal is on the head of an upright one there.
-    static CUBE: LazyLock<Arc<Setup>> = LazyLock::new(|| with_cube(250, Limits::NOMINAL));
+    static CUBE: LazyLock<Arc<Setup>> = LazyLock::new(|| with_cube(250, LoadLimits::NOMINAL));
 
-    fn with_cube(grams: u32, limits: Limits) -> Arc<Setup> {
+    fn with_cube(grams: u32, limits: LoadLimits) -> Arc<Setup> {
         let mut setup = (*setup()).clone();
         let head = upright(&setup, 6, 6);
         let goal = vec![Cell::new(6, 6, 4)];
@@ -335,7 +335,7 @@ mod tests {
 
     #[test]
     fn a_step_over_the_limits_of_torque_is_refused() {
-        let weak = Limits { outer: 1, middle: 1 };
+        let weak = LoadLimits { outer: 1, middle: 1 };
         let mut world = gripped(&with_cube(250, weak));
         let carry = step(&CUBE, world.pose(ModuleId(0))).unwrap();
         assert_eq!(act_of(&mut world, 0, carry), IMPOSSIBLE);
@@ -367,14 +367,15 @@ mod tests {
             world.bodies[1].pose = pose;
             let body_action = BodyAction::Turn(0);
             world.bodies[0].under_way =
-                Some(UnderWay { to: pose, claimed: Vec::new(), body_action, fails: false });
+                Some(ActionInProgress { to: pose, claimed: Vec::new(), body_action, fails: false });
         };
         assert!(spoilt(turns).contains(&CLOSED_CHAIN));
         let mut world = gripped(&CUBE);
         let pose = world.bodies[0].pose;
         let to = Pose { posture: pose.posture, ..pose };
         let body_action = BodyAction::Turn(0);
-        world.bodies[0].under_way = Some(UnderWay { to, claimed: Vec::new(), body_action, fails: false });
+        world.bodies[0].under_way =
+            Some(ActionInProgress { to, claimed: Vec::new(), body_action, fails: false });
         world.check_torque(Time::ZERO, ModuleId(0));
         assert_eq!(fired(&mut world), [TORQUE]);
     }

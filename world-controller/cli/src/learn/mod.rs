@@ -29,7 +29,7 @@ use metamorph_protocol::time::{Span, SpanError};
 use metamorph_scenario::grid::{GridError, Seeds};
 use metamorph_sim_bridge::free_module::physics::{Down, NotADirection, PhysicsError};
 use metamorph_sim_bridge::free_module::rapier::ENGINE;
-use metamorph_sim_bridge::free_module::trial::Course;
+use metamorph_sim_bridge::free_module::trial::TrialSetup;
 use metamorph_text::command_error::{BAD_USAGE, CommandError};
 use metamorph_text::escape::{Shown, json};
 use metamorph_text::format::digits;
@@ -247,7 +247,7 @@ fn asked(args: &LearnArgs) -> Result<Asked, LearnError> {
         let reason = format!("{} does not begin at a gait", args.method);
         return Err(PlanError::option("--from", reason, "use --method cma, or leave out --from").into());
     }
-    let course = Course {
+    let course = TrialSetup {
         structure: read.structure,
         joints_deg,
         down,

@@ -3,7 +3,7 @@
 use metamorph_free_modules::gait::document::GaitFile;
 use metamorph_free_modules::gait::study::Study;
 use metamorph_report::statistics::Spread;
-use metamorph_sim_bridge::free_module::trial::Outcome;
+use metamorph_sim_bridge::free_module::trial::TrialOutcome;
 use metamorph_text::format::{many, number, whole_percent};
 use metamorph_text::paint::Paint;
 use metamorph_text::table::Table;
@@ -12,7 +12,7 @@ use metamorph_text::table::Table;
 const AFTER: [usize; 7] = [10, 20, 40, 80, 120, 240, 400];
 
 /// Returns the speeds of a known gait.
-pub fn known(study: &Study, outcomes: &[(f64, Outcome)]) -> String {
+pub fn known(study: &Study, outcomes: &[(f64, TrialOutcome)]) -> String {
     let frictions = study.fitness.frictions();
     let speeds = outcomes.iter().zip(frictions).map(|((speed, outcome), friction)| {
         let end = match (outcome.broken, outcome.collided, outcome.fallen) {

@@ -4,12 +4,12 @@ use super::elements::{element, metamodule};
 use super::{Answer, RobotError};
 use clap::Args;
 use metamorph_protocol::manipulation::colour::{ACTIONS, RandomWalks};
-use metamorph_protocol::manipulation::load::Limits;
+use metamorph_protocol::manipulation::load::LoadLimits;
 use metamorph_protocol::manipulation::off_lattice::change::{changes, grips, plan_with_change};
 use metamorph_protocol::manipulation::scene::Scene;
 use metamorph_protocol::manipulation::terrain::Terrain;
-use metamorph_protocol::manipulation::walking::Ground;
-use metamorph_protocol::manipulation::worlds::World;
+use metamorph_protocol::manipulation::walking::WalkingGround;
+use metamorph_protocol::manipulation::worlds::TransportWorld;
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::database::Database;
 use metamorph_text::format::{count, percent};
@@ -69,7 +69,7 @@ fn off_lattice(database: Database, args: &ColourArgs) -> Result<Answer, RobotErr
         }));
     }
     let floor = Terrain::floor(FLOOR);
-    let scene = Scene::new(Arc::new(database), kind, &cube, GRAMS, Limits::NOMINAL, floor);
+    let scene = Scene::new(Arc::new(database), kind, &cube, GRAMS, LoadLimits::NOMINAL, floor);
     let found = changes(&scene, GRAMS, SEED);
     let cells: Vec<String> = found.iter().map(|c| c.cell.to_string()).collect();
     let _ = writeln!(
@@ -79,8 +79,8 @@ fn off_lattice(database: Database, args: &ColourArgs) -> Result<Answer, RobotErr
         cells.join(", ")
     );
     let solved = |seed: &u64| {
-        let world = World::draw_of_other_colour(&scene, *seed);
-        let ground = Ground::new(&scene, |connector| world.exists(connector));
+        let world = TransportWorld::draw_of_other_colour(&scene, *seed);
+        let ground = WalkingGround::new(&scene, |connector| world.exists(connector));
         plan_with_change(&ground, &world.task(WEIGHT), &found).is_some()
     };
     let planned = (0..args.tasks).filter(solved).count() as u64;

@@ -6,7 +6,7 @@ use metamorph_protocol::lattice::Face;
 use metamorph_protocol::manipulation::carry::CarryTable;
 use metamorph_protocol::manipulation::element::Element;
 use metamorph_protocol::manipulation::handover::HandoverTable;
-use metamorph_protocol::manipulation::load::{Limits, LoadTable, MAX_GRAMS};
+use metamorph_protocol::manipulation::load::{LoadLimits, LoadTable, MAX_GRAMS};
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::database::Database;
 use metamorph_text::format::count;
@@ -87,7 +87,7 @@ pub fn carry(database: &Database, args: &CarryArgs) -> Result<Answer, RobotError
     let _ = writeln!(text, "mass [kg]  connected within 4.9 / 3.6 Nm");
     let mut within = Map::new();
     for grams in masses {
-        let passes = |step: usize| loads.peak(step, grams).within(Limits::NOMINAL);
+        let passes = |step: usize| loads.peak(step, grams).within(LoadLimits::NOMINAL);
         let size = best.connected(|_| true, passes).first().map_or(0, Vec::len);
         let _ = writeln!(text, "{:>9}  {size}", kilograms(grams));
         within.insert(kilograms(grams), json!(size));

@@ -114,7 +114,7 @@ fn way(database: &Database, table: &Table, name: &str, from: &[f64]) -> Result<A
             start.degrees()
         )));
     };
-    let Some(way) = table.way_to_shape(id, shape) else {
+    let Some(way) = table.path_to_shape(id, shape) else {
         return Err(RobotError::OutOfReach(format!(
             "{kind} cannot take shape {shape} from {:?} by strict steps; `metamorph robot shapes {kind}` \
              lists its shapes",

@@ -62,7 +62,7 @@ mod tests {
     use metamorph_sim_bridge::cube::reachability::{ModuleSnapshot, StandstillSnapshot};
     use metamorph_sim_bridge::cube::reasons::PINNED;
     use metamorph_sim_bridge::director::outcome::Stall;
-    use metamorph_sim_bridge::director::reason::NO_WAY;
+    use metamorph_sim_bridge::director::reason::NO_PATH;
     use metamorph_sim_bridge::director::reason::Reason;
 
     fn stall(reason: Reason) -> Stall {
@@ -109,10 +109,10 @@ mod tests {
 
     #[test]
     fn what_is_possible_is_not_called_impossible_whatever_the_reason() {
-        let found = Prospect::of(&stall(NO_WAY), Some(&snapshot(false, false)));
+        let found = Prospect::of(&stall(NO_PATH), Some(&snapshot(false, false)));
         assert!(matches!(found, Prospect { possible: Possible::Yes(_), within: None }), "{found:?}");
-        let found = Prospect::of(&stall(NO_WAY), Some(&snapshot(false, true)));
+        let found = Prospect::of(&stall(NO_PATH), Some(&snapshot(false, true)));
         assert_eq!(found, Prospect { possible: Possible::No, within: Some(RuleSet::Anything) });
-        assert_eq!(Prospect::of(&stall(NO_WAY), None), Prospect::UNDECIDED);
+        assert_eq!(Prospect::of(&stall(NO_PATH), None), Prospect::UNDECIDED);
     }
 }

@@ -1,10 +1,10 @@
 //! Bounds for a standstill of free modules.
 
-use metamorph_protocol::free_module::reconfiguration::Setup;
+use metamorph_protocol::free_module::reconfiguration::LatticeSetup;
 use metamorph_scenario::bounds::{Bounds, Passage};
 
 /// Returns the bounds of a structure of this many modules.
-pub fn bounds(setup: &Setup, modules: usize, passage: Passage) -> Bounds {
+pub fn bounds(setup: &LatticeSetup, modules: usize, passage: Passage) -> Bounds {
     // A step may wait for its whole window, and then a silent module, and what is stuck, are tried again after the
     // patience.
     let usual = setup.patience * 4 + setup.window() * 4;

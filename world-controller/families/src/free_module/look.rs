@@ -5,10 +5,11 @@
 use crate::visible::Visible;
 use metamorph_protocol::assembly::tables::TABLES;
 use metamorph_protocol::free_module::reconfiguration::message::{
-    Action, BodyAction, Denial, LockMessage, Message, Order, Percept, Status, Swing,
+    LatticeAction, LatticeBodyAction, LatticeDenial, LatticeMessage, LatticeOrder, LatticePercept,
+    LatticeStatus, LockMessage, Swing,
 };
-use metamorph_protocol::free_module::reconfiguration::place::Place;
-use metamorph_protocol::free_module::reconfiguration::{LatticeModule, Setup};
+use metamorph_protocol::free_module::reconfiguration::place::LatticePlace;
+use metamorph_protocol::free_module::reconfiguration::{LatticeModule, LatticeSetup};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::roombots::lattice_pose::LatticeRotation;
 use metamorph_protocol::roombots::{HALF_EDGE, OUTER_RADIUS};
@@ -21,15 +22,15 @@ use nalgebra::{Rotation3, Unit, UnitQuaternion, Vector3};
 const HALVES: usize = 4;
 
 /// Returns the cells of both cubes of a module.
-fn cells(place: &Place) -> [Cell; 2] {
+fn cells(place: &LatticePlace) -> [Cell; 2] {
     // The axes of the outer joints go through the centres of the two cubes.
     [0, 2].map(|joint| place.axis(joint).1)
 }
 
 /// Returns the motion of parts about an axis.
 pub(super) fn swing(
-    setup: &Setup,
-    place: &Place,
+    setup: &LatticeSetup,
+    place: &LatticePlace,
     by: &Swing,
     parts: std::ops::Range<usize>,
     name: String,
@@ -44,14 +45,14 @@ pub(super) fn swing(
 }
 
 /// Returns the place of a module that was carried.
-fn carried(place: &Place, by: &Swing) -> Option<Place> {
+fn carried(place: &LatticePlace, by: &Swing) -> Option<LatticePlace> {
     let axis = Unit::new_normalize(Vector3::from(by.axis.map(f64::from)));
     let matrix = Rotation3::from_axis_angle(&axis, f64::from(by.degrees).to_radians());
     let turn = LatticeRotation::nearest(matrix.matrix(), 1e-6)?;
     let rotation = turn * TABLES.rotations[usize::from(place.rotation)];
     let Cell { x, y, z } = place.cell;
     let [dx, dy, dz] = turn.apply([x - by.pivot.x, y - by.pivot.y, z - by.pivot.z]);
-    Some(Place {
+    Some(LatticePlace {
         cell: Cell::new(by.pivot.x + dx, by.pivot.y + dy, by.pivot.z + dz),
         rotation: TABLES.rotations.iter().position(|r| *r == rotation)? as u8,
         ..*place
@@ -82,11 +83,11 @@ impl Visible for LatticeModule {
         scale_among_messages: None,
     };
 
-    fn stage(setup: &Setup) -> Stage {
+    fn stage(setup: &LatticeSetup) -> Stage {
         Stage { time_step: setup.turn_time, goals: vec![Vec::new()], targets: Targets::Cells, floor: None }
     }
 
-    fn at_rest(_: &Setup, place: &Place) -> Vec<Part> {
+    fn at_rest(_: &LatticeSetup, place: &LatticePlace) -> Vec<Part> {
         let shape = Shape::HalfCube { radius: OUTER_RADIUS, half_edge: HALF_EDGE };
         let (cells, t) = (cells(place), &**TABLES);
         let half = |h: usize| {
@@ -101,19 +102,23 @@ impl Visible for LatticeModule {
         (0..HALVES).map(half).collect()
     }
 
-    fn motion(setup: &Setup, from: &Place, action: &Action) -> Option<(Motion, Place)> {
+    fn motion(
+        setup: &LatticeSetup,
+        from: &LatticePlace,
+        action: &LatticeAction,
+    ) -> Option<(Motion, LatticePlace)> {
         let still =
             |name: &str| Motion { takes: setup.connect_time, name: name.to_owned(), segments: Vec::new() };
         Some(match action.body_action {
-            BodyAction::Attach(connector) => {
+            LatticeBodyAction::Attach(connector) => {
                 let closed = from.closed | 1 << connector;
-                (still("closes a connector"), Place { closed, ..*from })
+                (still("closes a connector"), LatticePlace { closed, ..*from })
             }
-            BodyAction::Detach(connector) => {
+            LatticeBodyAction::Detach(connector) => {
                 let closed = from.closed & !(1 << connector);
-                (still("opens a connector"), Place { closed, ..*from })
+                (still("opens a connector"), LatticePlace { closed, ..*from })
             }
-            BodyAction::Turn { joint, positive } => {
+            LatticeBodyAction::Turn { joint, positive } => {
                 let (axis, pivot) = from.axis(joint);
                 let step = if joint == 1 { 90 } else { 120 };
                 let degrees = if positive { step } else { -step };
@@ -122,52 +127,58 @@ impl Visible for LatticeModule {
                 let posture =
                     TABLES.turned[usize::from(from.posture)][usize::from(joint)][usize::from(positive)];
                 let name = format!("turns joint {}", joint + 1);
-                (swing(setup, from, &by, behind, name), Place { posture, ..*from })
+                (swing(setup, from, &by, behind, name), LatticePlace { posture, ..*from })
             }
         })
     }
 
-    fn carried(setup: &Setup, place: &Place, percept: &Percept) -> Option<(Motion, Place)> {
-        let Percept::Carried(by) = percept else { return None };
+    fn carried(
+        setup: &LatticeSetup,
+        place: &LatticePlace,
+        percept: &LatticePercept,
+    ) -> Option<(Motion, LatticePlace)> {
+        let LatticePercept::Carried(by) = percept else { return None };
         let motion = swing(setup, place, by, 0..HALVES, "is carried".to_owned());
         Some((motion, carried(place, by)?))
     }
 
-    fn cell(place: &Place) -> Cell {
+    fn cell(place: &LatticePlace) -> Cell {
         place.cell
     }
-    fn whereabouts(place: &Place) -> String {
+    fn whereabouts(place: &LatticePlace) -> String {
         let [a, b, c] = place.degrees();
         format!("{}, joints at {a}°, {b}°, {c}°", place.cell)
     }
 
-    fn fate(percept: &Percept) -> ActionOutcome {
+    fn fate(percept: &LatticePercept) -> ActionOutcome {
         match percept {
-            Percept::Done(_) => ActionOutcome::Done,
-            Percept::Failed | Percept::Settled { moved: false, .. } => ActionOutcome::Failed,
-            Percept::Refused(_) => ActionOutcome::Refused,
-            Percept::Carried(_) | Percept::Settled { moved: true, .. } => ActionOutcome::Carried,
+            LatticePercept::Done(_) => ActionOutcome::Done,
+            LatticePercept::Failed | LatticePercept::Settled { moved: false, .. } => ActionOutcome::Failed,
+            LatticePercept::Refused(_) => ActionOutcome::Refused,
+            LatticePercept::Carried(_) | LatticePercept::Settled { moved: true, .. } => {
+                ActionOutcome::Carried
+            }
         }
     }
 
-    fn standing(s: &Status) -> ModuleView {
+    fn standing(s: &LatticeStatus) -> ModuleView {
         let is_done = s.last.is_some_and(|(_, result)| result.is_ok());
         let role = if s.busy { 1 } else { u8::from(is_done) * 2 };
         ModuleView { role, flags: 0, place: -1, waits_for: s.waits_for }
     }
 
-    fn said(message: &Message) -> MessageLabel {
-        let Message { origin, what, .. } = *message;
+    fn said(message: &LatticeMessage) -> MessageLabel {
+        let LatticeMessage { origin, what, .. } = *message;
         match what {
             LockMessage::Request => MessageLabel::about("keep still, for", origin),
             LockMessage::Release => MessageLabel::about("branch lock released, by", origin),
             LockMessage::Response(None) => MessageLabel::of("branch lock granted"),
             LockMessage::Response(Some((why, _))) => MessageLabel::of(match why {
-                Denial::Busy => "branch lock refused: has a pending action",
-                Denial::Held => "branch lock refused: keeps still for another",
-                Denial::Loop => "branch lock refused: a loop",
-                Denial::Quarantined => "branch lock refused: just restarted",
-                Denial::Changed => "branch lock refused: a connection has changed",
+                LatticeDenial::Busy => "branch lock refused: has a pending action",
+                LatticeDenial::Held => "branch lock refused: keeps still for another",
+                LatticeDenial::Loop => "branch lock refused: a loop",
+                LatticeDenial::Quarantined => "branch lock refused: just restarted",
+                LatticeDenial::Changed => "branch lock refused: a connection has changed",
             }),
         }
     }
@@ -175,7 +186,7 @@ impl Visible for LatticeModule {
     fn moves(_: Option<u32>) -> u16 {
         FAR
     }
-    fn goal(_: &Order) -> Option<GoalView> {
+    fn goal(_: &LatticeOrder) -> Option<GoalView> {
         None
     }
 }
@@ -196,22 +207,22 @@ mod tests {
     /// After a turn the parts are where the joints have taken them, of the module and of one that it carries.
     #[test]
     fn turning_halves_go_where_the_joints_take_them() {
-        let setup = Setup::scaled(Span::secs(1), Span::millis(100));
+        let setup = LatticeSetup::scaled(Span::secs(1), Span::millis(100));
         let physics = Physics { collision: Model::Final, active: false, standing: None };
         let mut turns = 0;
         for rotation in 0..24 {
             for posture in 0..36 {
                 let cell = Cell::new(2, -3, 4);
-                let from = Place { cell, rotation, posture, closed: 0 };
+                let from = LatticePlace { cell, rotation, posture, closed: 0 };
                 for (joint, positive) in [(0, true), (0, false), (1, true), (1, false), (2, true)] {
-                    let action = Action {
+                    let action = LatticeAction {
                         step: StepName::default(),
-                        body_action: BodyAction::Turn { joint, positive },
+                        body_action: LatticeBodyAction::Turn { joint, positive },
                         not_after: Time::ZERO,
                     };
                     let world = World { robots: vec![from.robot()], held: BTreeSet::new() };
                     let turn = PhysicalAction::Turn(0, joint.into(), positive);
-                    let after = Place::of_robot(&world.act(turn, physics).unwrap().robots[0], 0);
+                    let after = LatticePlace::of_robot(&world.act(turn, physics).unwrap().robots[0], 0);
                     let (_, to) = LatticeModule::motion(&setup, &from, &action).unwrap();
                     assert_eq!(to, after);
                     let moved = seen(&LatticeModule::parts(&setup, &from, Some((&action, 1.0))));
@@ -221,7 +232,8 @@ mod tests {
                     turns += 1;
                 }
                 let by = Swing { pivot: Cell::new(1, 0, 4), axis: [1, -1, 1], degrees: 120 };
-                let (motion, to) = LatticeModule::carried(&setup, &from, &Percept::Carried(by)).unwrap();
+                let (motion, to) =
+                    LatticeModule::carried(&setup, &from, &LatticePercept::Carried(by)).unwrap();
                 let mut parts = LatticeModule::at_rest(&setup, &from);
                 motion.carry(&mut parts, 1.0);
                 let (moved, rest) = (seen(&parts), seen(&LatticeModule::at_rest(&setup, &to)));

@@ -21,8 +21,8 @@ use crate::{ExploredFamily, FamilyParts};
 use generated::GeneratedFreeModules;
 use metamorph_protocol::assembly::configuration::Configuration;
 use metamorph_protocol::defects::Defect;
-use metamorph_protocol::free_module::reconfiguration::Setup;
-use metamorph_protocol::free_module::reconfiguration::place::Place;
+use metamorph_protocol::free_module::reconfiguration::LatticeSetup;
+use metamorph_protocol::free_module::reconfiguration::place::LatticePlace;
 use metamorph_protocol::free_module::reconfiguration::planning::Planner;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_scenario::Plan;
@@ -82,7 +82,7 @@ impl ExploredFamily for FreeModuleFamily {
 impl FamilyParts for FreeModuleFamily {
     type Swarm = FreeModules;
 
-    fn places(&self, swarm: &FreeModules) -> Vec<Place> {
+    fn places(&self, swarm: &FreeModules) -> Vec<LatticePlace> {
         swarm.places()
     }
 }
@@ -99,13 +99,13 @@ pub struct FreeModules {
     /// How plans are made, and where they end.
     pub planner: Planner,
     /// Constant parameters that all agents share.
-    pub setup: Arc<Setup>,
+    pub setup: Arc<LatticeSetup>,
 }
 
 impl FreeModules {
     /// Returns the places of all modules at the start.
-    pub fn places(&self) -> Vec<Place> {
-        self.start.modules().iter().map(Place::of).collect()
+    pub fn places(&self) -> Vec<LatticePlace> {
+        self.start.modules().iter().map(LatticePlace::of).collect()
     }
 }
 

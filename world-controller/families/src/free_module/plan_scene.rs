@@ -11,8 +11,8 @@ use metamorph_free_modules::plan::solve::{physics, world};
 use metamorph_protocol::assembly::checker::{PhysicalAction, Physics, Robot, World};
 use metamorph_protocol::assembly::collision::Model;
 use metamorph_protocol::free_module::reconfiguration::message::Swing;
-use metamorph_protocol::free_module::reconfiguration::place::Place;
-use metamorph_protocol::free_module::reconfiguration::{LatticeModule, Setup};
+use metamorph_protocol::free_module::reconfiguration::place::LatticePlace;
+use metamorph_protocol::free_module::reconfiguration::{LatticeModule, LatticeSetup};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_scene::beginning::{Heading, PLANNED};
@@ -39,7 +39,7 @@ pub fn plan_scene(plan: &PlanFile, repeat: String) -> Result<(Scene, Bodies<Latt
     let mut at = world(&start);
     // The plan has been checked: what a turn touches on the way is not sampled again.
     let physics = Physics { collision: Model::Final, ..physics(plan, &at) };
-    let setup = Arc::new(Setup::scaled(ACTION_TIME, Span::ZERO));
+    let setup = Arc::new(LatticeSetup::scaled(ACTION_TIME, Span::ZERO));
     let places = at.robots.iter().map(place).collect();
     let bodies = Bodies::<LatticeModule> { setup: Arc::clone(&setup), places };
     let mut scene = Scene::new(heading(plan, repeat), &bodies, true);
@@ -85,14 +85,19 @@ fn heading(plan: &PlanFile, repeat: String) -> Heading {
     }
 }
 
-fn place(robot: &Robot) -> Place {
+fn place(robot: &Robot) -> LatticePlace {
     // Which connectors are closed is not drawn.
-    Place::of_robot(robot, 0)
+    LatticePlace::of_robot(robot, 0)
 }
 
 /// Returns the motions of all modules that an action moves, that of the module that acts first. A connection moves
 /// nothing, but takes both modules.
-fn motions(setup: &Setup, action: PhysicalAction, at: &World, next: &World) -> Vec<(ModuleId, Motion)> {
+fn motions(
+    setup: &LatticeSetup,
+    action: PhysicalAction,
+    at: &World,
+    next: &World,
+) -> Vec<(ModuleId, Motion)> {
     let id = |module: usize| ModuleId(module as u32);
     let (module, joint, positive) = match action {
         PhysicalAction::Turn(module, joint, positive) => (module, joint, positive),
@@ -117,7 +122,7 @@ fn motions(setup: &Setup, action: PhysicalAction, at: &World, next: &World) -> V
 }
 
 fn connection(
-    setup: &Setup,
+    setup: &LatticeSetup,
     verb: &str,
     ends: [metamorph_protocol::assembly::checker::Place; 2],
 ) -> Vec<(ModuleId, Motion)> {
@@ -166,7 +171,7 @@ mod tests {
     fn parts_go_where_the_checker_takes_them() {
         let plan = plan("line:4", "loop:3x3");
         let Ok(Structured::Configuration(start)) = of_document("start", &plan.start) else { panic!("poses") };
-        let setup = Setup::scaled(ACTION_TIME, Span::ZERO);
+        let setup = LatticeSetup::scaled(ACTION_TIME, Span::ZERO);
         for held in [(0, 0), (3, 3)] {
             let mut at = world(&start);
             let free = Physics { collision: Model::Final, ..physics(&plan, &at) };

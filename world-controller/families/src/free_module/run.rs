@@ -6,13 +6,13 @@ use super::scenario::BODY;
 use crate::runnable::{Runnable, stage};
 use metamorph_protocol::assembly::action::Connectors;
 use metamorph_protocol::assembly::checker::Physics;
-use metamorph_protocol::free_module::reconfiguration::Setup;
+use metamorph_protocol::free_module::reconfiguration::LatticeSetup;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_report::run_result::RunResult;
 use metamorph_report::schema::MoveReport;
 use metamorph_scenario::Plan;
 use metamorph_sim_bridge::director::progress::Progress;
-use metamorph_sim_bridge::free_module::reconfiguration::director::{Course, FreeModuleDirector};
+use metamorph_sim_bridge::free_module::reconfiguration::director::{FreeModuleDirector, ReconfigurationRun};
 use metamorph_sim_bridge::free_module::reconfiguration::world::FreeModuleWorld;
 use metamorph_sim_bridge::world::World;
 use metamorph_sim_bridge::world::invariants::Violation;
@@ -22,7 +22,7 @@ impl Runnable for FreeModules {
     type World = FreeModuleWorld;
     type Director = FreeModuleDirector;
 
-    fn setup(&self) -> &Arc<Setup> {
+    fn setup(&self) -> &Arc<LatticeSetup> {
         &self.setup
     }
     fn world(&self, plan: &Plan) -> FreeModuleWorld {
@@ -31,7 +31,7 @@ impl Runnable for FreeModules {
         FreeModuleWorld::new(Arc::clone(&self.setup), physics, &self.places(), plan.seed)
     }
     fn director(&self, plan: &Plan) -> FreeModuleDirector {
-        let course = Course {
+        let course = ReconfigurationRun {
             planner: self.planner.clone(),
             schedule: plan.schedule.clone(),
             stop: plan.stop,

@@ -10,7 +10,7 @@ use metamorph_protocol::assembly::collision::Model;
 use metamorph_protocol::assembly::configuration::Configuration;
 use metamorph_protocol::assembly::named;
 use metamorph_protocol::assembly::space::{Goal, Objective};
-use metamorph_protocol::free_module::reconfiguration::Setup;
+use metamorph_protocol::free_module::reconfiguration::LatticeSetup;
 use metamorph_protocol::free_module::reconfiguration::planning::Planner;
 use metamorph_protocol::plan::Limits;
 use metamorph_protocol::roombots::Kind;
@@ -320,7 +320,7 @@ impl RawSwarm for RawFreeModules {
     }
     fn draft(&self, context: &DraftContext, diagnostics: &mut Diagnostics) -> Option<FamilySpec> {
         let DraftContext { time_step, usual_delay, passage, skew, .. } = *context;
-        let setup = Setup { skew, ..Setup::scaled(time_step, usual_delay) };
+        let setup = LatticeSetup { skew, ..LatticeSetup::scaled(time_step, usual_delay) };
         let start = self.configuration(diagnostics);
         let modules = self.start.as_ref().map_or(0, |start| start.structure.shape().len());
         if let (Some(goal), true) = (&self.goal, modules > 0) {

@@ -3,18 +3,19 @@
 use crate::worded::{Worded, at, waiting};
 use metamorph_protocol::free_module::reconfiguration::LatticeModule;
 use metamorph_protocol::free_module::reconfiguration::message::{
-    Action, BodyAction, Failure, Order, Percept, Refusal, Status, StepName, StepResult,
+    Failure, LatticeAction, LatticeBodyAction, LatticeOrder, LatticePercept, LatticeRefusal, LatticeStatus,
+    StepName, StepResult,
 };
-use metamorph_protocol::free_module::reconfiguration::place::Place;
+use metamorph_protocol::free_module::reconfiguration::place::LatticePlace;
 use metamorph_protocol::roombots::connector::Connector;
 use metamorph_protocol::time::Time;
 
-fn body_action(body_action: BodyAction) -> String {
+fn body_action(body_action: LatticeBodyAction) -> String {
     let name = |connector: u8| Connector::ALL[usize::from(connector)];
     match body_action {
-        BodyAction::Attach(connector) => format!("close {}", name(connector)),
-        BodyAction::Detach(connector) => format!("open {}", name(connector)),
-        BodyAction::Turn { joint, positive } => {
+        LatticeBodyAction::Attach(connector) => format!("close {}", name(connector)),
+        LatticeBodyAction::Detach(connector) => format!("open {}", name(connector)),
+        LatticeBodyAction::Turn { joint, positive } => {
             let step = if joint == 1 { 90 } else { 120 };
             format!("turn joint {} by {}{step}°", joint + 1, if positive { "+" } else { "-" })
         }
@@ -43,48 +44,48 @@ fn by(time: Time) -> String {
 }
 
 impl Worded for LatticeModule {
-    fn place(place: &Place) -> String {
+    fn place(place: &LatticePlace) -> String {
         let [a, b, c] = place.degrees();
         let closed: Vec<&str> =
             Connector::ALL.into_iter().filter(|c| place.is_closed(*c as u8)).map(Connector::name).collect();
         let closed = if closed.is_empty() { "none".to_owned() } else { closed.join(" ") };
         format!("{}, joints at {a}°, {b}°, {c}°, closed: {closed}", place.cell)
     }
-    fn action(action: &Action) -> String {
+    fn action(action: &LatticeAction) -> String {
         format!("{} ({}){}", body_action(action.body_action), step(action.step), by(action.not_after))
     }
-    fn percept(percept: &Percept) -> String {
+    fn percept(percept: &LatticePercept) -> String {
         match percept {
-            Percept::Done(place) => format!("is now at {}", LatticeModule::place(place)),
-            Percept::Failed => "has failed, and is where it was".to_owned(),
-            Percept::Carried(swing) => {
+            LatticePercept::Done(place) => format!("is now at {}", LatticeModule::place(place)),
+            LatticePercept::Failed => "has failed, and is where it was".to_owned(),
+            LatticePercept::Carried(swing) => {
                 format!("is carried by a turn of {}° about {}", swing.degrees, swing.pivot)
             }
-            Percept::Settled { place, moved: true } => {
+            LatticePercept::Settled { place, moved: true } => {
                 format!("was carried to {}", LatticeModule::place(place))
             }
-            Percept::Settled { moved: false, .. } => "was not carried after all".to_owned(),
-            Percept::Refused(why) => format!(
+            LatticePercept::Settled { moved: false, .. } => "was not carried after all".to_owned(),
+            LatticePercept::Refused(why) => format!(
                 "refuses: {}",
                 match why {
-                    Refusal::Blocked => "another module is in the way",
-                    Refusal::Late => "it is too late",
-                    Refusal::Stale => "the contacts have changed",
-                    Refusal::Busy => "it acts or is carried",
-                    Refusal::Impossible => "it cannot do that from where it is",
+                    LatticeRefusal::Blocked => "another module is in the way",
+                    LatticeRefusal::Late => "it is too late",
+                    LatticeRefusal::Stale => "the contacts have changed",
+                    LatticeRefusal::Busy => "it acts or is carried",
+                    LatticeRefusal::Impossible => "it cannot do that from where it is",
                 }
             ),
         }
     }
-    fn order(order: &Order) -> String {
+    fn order(order: &LatticeOrder) -> String {
         match order {
-            Order::Hold { epoch } => format!("hold for plan {epoch}"),
-            Order::Step { step: name, body_action: what, not_after, .. } => {
+            LatticeOrder::Hold { epoch } => format!("hold for plan {epoch}"),
+            LatticeOrder::Step { step: name, body_action: what, not_after, .. } => {
                 format!("{}: {}{}", step(*name), body_action(*what), by(*not_after))
             }
         }
     }
-    fn report(s: &Status) -> String {
+    fn report(s: &LatticeStatus) -> String {
         let last = s.last.map_or(String::new(), |(name, how)| format!(", {}: {}", step(name), result(how)));
         let does = if s.busy { "acting" } else { "resting" };
         format!(

@@ -4,7 +4,7 @@ use super::error::MetamoduleError;
 use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::manipulation::colour::colours_differ;
 use metamorph_protocol::manipulation::element::{Element, cell_at, centre_of, moved};
-use metamorph_protocol::manipulation::load::{Limits, MAX_GRAMS};
+use metamorph_protocol::manipulation::load::{LoadLimits, MAX_GRAMS};
 use metamorph_protocol::manipulation::rest::rests;
 use metamorph_protocol::metamodule::blueprint::Blueprint;
 use metamorph_protocol::metamodule::elements::{Elements, MAX_ELEMENTS, PassiveElement};
@@ -229,7 +229,8 @@ pub fn checked(
     if !diagnostics.is_empty() {
         return None;
     }
-    let made = Elements::new(around.motions.database(), around.motions.kind(), all, &heads, Limits::NOMINAL);
+    let made =
+        Elements::new(around.motions.database(), around.motions.kind(), all, &heads, LoadLimits::NOMINAL);
     let made = diagnostics.note(&first.place, made.map_err(MetamoduleError::from))?;
     for (i, element) in raw.iter().enumerate() {
         let goals = 0..around.goals.len() as u8;

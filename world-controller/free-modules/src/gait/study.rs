@@ -4,7 +4,7 @@ use super::ask_tell::{Point, Scored};
 use super::space::{Gait, Space};
 use metamorph_protocol::free_module::structure::JOINTS;
 use metamorph_sim_bridge::free_module::physics::{FRICTION, PhysicsError};
-use metamorph_sim_bridge::free_module::trial::{Course, Outcome};
+use metamorph_sim_bridge::free_module::trial::{TrialOutcome, TrialSetup};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -54,7 +54,7 @@ pub struct Trial {
 /// Parameters that all trials of a study share.
 pub struct Study {
     /// The structure and the time.
-    pub course: Course,
+    pub course: TrialSetup,
     /// The parameters.
     pub space: Space,
     /// The fitness.
@@ -69,7 +69,7 @@ pub fn behaviour(space: &Space, trial: &Trial) -> Vec<f64> {
 
 impl Study {
     /// Returns the fitness of an outcome in mm/s (thesis 7.8).
-    fn speed(&self, outcome: &Outcome) -> f64 {
+    fn speed(&self, outcome: &TrialOutcome) -> f64 {
         let speed = outcome.distance_mm / self.course.time.as_secs_f64();
         if outcome.collided || outcome.fallen { speed * COLLIDED } else { speed }
     }
@@ -78,8 +78,8 @@ impl Study {
     ///
     /// # Errors
     /// Refuses a structure that cannot have bodies.
-    pub fn outcomes(&self, gait: &Gait) -> Result<Vec<(f64, Outcome)>, PhysicsError> {
-        let mut all: Vec<(f64, Outcome)> = Vec::new();
+    pub fn outcomes(&self, gait: &Gait) -> Result<Vec<(f64, TrialOutcome)>, PhysicsError> {
+        let mut all: Vec<(f64, TrialOutcome)> = Vec::new();
         for friction in self.fitness.frictions() {
             let outcome = self.course.trial(gait.clone(), *friction)?;
             let ends = outcome.collided || outcome.fallen || outcome.broken;
@@ -98,7 +98,7 @@ impl Study {
     pub fn trial(&self, point: Point) -> Result<Trial, PhysicsError> {
         let outcomes = self.outcomes(&self.space.gait(&point))?;
         let fitness_mm_s = outcomes.iter().map(|(speed, _)| *speed).fold(f64::INFINITY, f64::min);
-        let any = |of: fn(&Outcome) -> bool| outcomes.iter().any(|(_, outcome)| of(outcome));
+        let any = |of: fn(&TrialOutcome) -> bool| outcomes.iter().any(|(_, outcome)| of(outcome));
         let duty = outcomes.first().map(|(_, outcome)| outcome.duty.clone()).unwrap_or_default();
         let (collided, broken, fell) = (any(|o| o.collided), any(|o| o.broken), any(|o| o.falls > 0));
         Ok(Trial { parameters: point, fitness_mm_s, collided, broken, fell, duty })

@@ -6,7 +6,7 @@ use super::process::ControlMessage;
 use super::run_dir::{RunDir, RunDirError};
 use metamorph_module_agent::clock::monotonic;
 use metamorph_module_agent::regular_file;
-use metamorph_module_agent::run_dir::controller_lease::mark_resumable;
+use metamorph_module_agent::run_dir::controller_lease::make_resumable;
 use metamorph_module_agent::run_dir::run_name::{RunName, RunNameError};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
@@ -141,7 +141,7 @@ pub fn adopt_elsewhere(parts: &Path, build: u64, hosts: &HostsFile) -> Result<Ad
     let succession = succession.ok_or_else(|| NotResumable::NothingElsewhere(parts.to_owned()))?;
     let (dir, epoch) = (RunDir::create()?, monotonic());
     succession.move_to(dir.root(), parts, hosts)?;
-    let begin = write_run(parts, dir.root(), epoch).and_then(|()| mark_resumable(dir.root()));
+    let begin = write_run(parts, dir.root(), epoch).and_then(|()| make_resumable(dir.root()));
     begin.map_err(|e| RunDirError::Create(parts.to_owned(), e))?;
     Ok(Adopted { dir, epoch, lock: Some(lock) })
 }

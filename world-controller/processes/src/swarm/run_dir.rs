@@ -13,7 +13,7 @@ use metamorph_module_agent::pid_directory;
 use metamorph_module_agent::run_dir::controller_lease::is_resumable;
 use metamorph_module_agent::run_dir::counter_file;
 use metamorph_module_agent::run_dir::identity::Identity;
-use metamorph_module_agent::run_dir::run_name::{HOME, MARK, RunName};
+use metamorph_module_agent::run_dir::run_name::{HOME, NAME_PREFIX, RunName};
 use metamorph_text::format::many;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{FlockOperation, flock};
@@ -253,7 +253,7 @@ fn survey() -> Result<(Vec<DeadRun>, u32), CleanError> {
         let entry = entry.map_err(CleanError::List)?;
         let Some(name) = entry.file_name().to_str().map(str::to_owned) else { continue };
         let ours = entry.metadata().is_ok_and(|m| m.is_dir() && m.uid() == user);
-        if !name.starts_with(MARK) || !ours {
+        if !name.starts_with(NAME_PREFIX) || !ours {
             continue;
         }
         let (run, owner) = match name.split_once('~') {

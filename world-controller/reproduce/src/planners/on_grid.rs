@@ -5,7 +5,7 @@ use crate::Experiment;
 use metamorph_console::interrupt::Interrupt;
 use metamorph_protocol::on_grid::replanning::Replanner;
 use metamorph_protocol::on_grid::two_layer::{Walk, joined, walk};
-use metamorph_protocol::on_grid::{ActionTable, Ground, OnGrid, Span, Standing};
+use metamorph_protocol::on_grid::{ActionTable, GridGround, OnGrid, Span, Standing};
 use metamorph_protocol::plan::search::{Method, Search};
 use metamorph_protocol::plan::{Limits, Outcome, Step};
 use metamorph_protocol::rng::Rng;
@@ -59,7 +59,7 @@ impl Replanning {
     /// Adds a trial in which columns appear and disappear at random while a module walks to its goal.
     fn add(
         &mut self,
-        ground: Ground,
+        ground: GridGround,
         from: Standing,
         goal: (i16, i16),
         span: Span,
@@ -172,7 +172,7 @@ pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
         let mut primitives = [0; 8];
         let mut near = Outcomes::default();
         for goal in (0..25).map(|i| (8 + i % 5, 8 + i / 5)).filter(|g| *g != (10, 10)) {
-            let ground = Ground::open(SIDE, SIDE, COLUMN);
+            let ground = GridGround::open(SIDE, SIDE, COLUMN);
             let space = OnGrid { ground, span, goal, actions: actions.clone() };
             let from = Standing::upright(10, 10, 0);
             near.add(&space, from);
@@ -220,7 +220,7 @@ pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
 }
 
 /// Draws ends that are free and joined.
-fn ends(rng: &mut Rng, ground: &Ground) -> Option<(Standing, (i16, i16))> {
+fn ends(rng: &mut Rng, ground: &GridGround) -> Option<(Standing, (i16, i16))> {
     let mut draw = |n: u64| rng.below(n) as i16;
     let (width, height) = (ground.size().0 as u64, ground.size().1 as u64);
     let (from, goal) = ((draw(width), draw(height)), (draw(width), draw(height)));
@@ -231,10 +231,10 @@ fn ends(rng: &mut Rng, ground: &Ground) -> Option<(Standing, (i16, i16))> {
 }
 
 /// Draws a world with one square, of side 1 to 15 on the published floor of 20 by 20.
-fn square(size: u8, seed: u64) -> (Ground, Standing, (i16, i16)) {
+fn square(size: u8, seed: u64) -> (GridGround, Standing, (i16, i16)) {
     let mut rng = Rng::named(seed, "one square", 0);
     loop {
-        let mut ground = Ground::open(size, size, COLUMN);
+        let mut ground = GridGround::open(size, size, COLUMN);
         let side = 1 + rng.below(u64::from(size) * 3 / 4) as i16;
         let mut corner = || rng.below(u64::from(size) + 1 - side as u64) as i16;
         ground.block(corner(), corner(), side, side);
@@ -244,9 +244,9 @@ fn square(size: u8, seed: u64) -> (Ground, Standing, (i16, i16)) {
     }
 }
 
-fn rectangles(seed: u64) -> (Ground, Standing, (i16, i16)) {
+fn rectangles(seed: u64) -> (GridGround, Standing, (i16, i16)) {
     let mut rng = Rng::named(seed, "five rectangles", 0);
-    let mut ground = Ground::open(SIDE, SIDE, COLUMN);
+    let mut ground = GridGround::open(SIDE, SIDE, COLUMN);
     for [x, y, width, height] in RECTANGLES {
         ground.block(x, y, width, height);
     }

@@ -4,7 +4,7 @@ use super::PlannerTable;
 use crate::Experiment;
 use metamorph_families::metamodule::motion_database;
 use metamorph_processes::family::sources;
-use metamorph_protocol::manipulation::stride::{Estimate, Strides};
+use metamorph_protocol::manipulation::torque_walk::{Estimate, MoveGraph};
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::grid::GridState;
 use metamorph_protocol::roombots::torque::Limits;
@@ -34,12 +34,12 @@ pub fn table() -> PlannerTable {
     let database = motion_database::database(sources());
     let row = |kind, estimate, limits| {
         let motions = database.table(kind);
-        let strides = Strides::new(motions, estimate, limits);
-        let found = match strides.walk(motions, TASK.0, TASK.1, FLOOR) {
+        let moves = MoveGraph::new(motions, estimate, limits);
+        let found = match moves.walk(motions, TASK.0, TASK.1, FLOOR) {
             Some(walk) => format!("{} moves, {}°", walk.moves, walk.degrees),
             None => "impossible".to_owned(),
         };
-        let (postures, landings) = (count(strides.postures as u64), strides.landings.len());
+        let (postures, landings) = (count(moves.postures as u64), moves.landings.len());
         (found.clone(), format!("{found} ({postures} postures, {landings} landing states)"))
     };
     let mut printed = String::new();

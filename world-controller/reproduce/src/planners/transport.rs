@@ -6,12 +6,12 @@ use metamorph_console::interrupt::Interrupt;
 use metamorph_families::metamodule::motion_database;
 use metamorph_processes::family::sources;
 use metamorph_protocol::manipulation::element::Element;
-use metamorph_protocol::manipulation::load::Limits;
+use metamorph_protocol::manipulation::load::LoadLimits;
 use metamorph_protocol::manipulation::scene::Scene;
 use metamorph_protocol::manipulation::terrain::Terrain;
-use metamorph_protocol::manipulation::transport::{Answer, Reason, Task, plan};
-use metamorph_protocol::manipulation::walking::Ground;
-use metamorph_protocol::manipulation::worlds::World;
+use metamorph_protocol::manipulation::transport::{Answer, Task, TransportReason, plan};
+use metamorph_protocol::manipulation::walking::WalkingGround;
+use metamorph_protocol::manipulation::worlds::TransportWorld;
 use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::roombots::Kind;
 use metamorph_text::format::{count, percent};
@@ -31,7 +31,7 @@ const WEIGHTS: [u32; 2] = [500, 200];
 #[derive(Default)]
 struct Outcomes {
     worlds: u64,
-    infeasible: BTreeMap<Reason, u64>,
+    infeasible: BTreeMap<TransportReason, u64>,
     undecided: u64,
     first_plans: u64,
     /// Plans in which the cube is put down on the way, since none was found without.
@@ -58,7 +58,7 @@ impl Outcomes {
     }
 
     /// Plans a world: the cube is always held, as in the thesis; it is put down on the way only where that is undecided.
-    fn plan(&mut self, ground: &Ground<'_>, task: &Task) {
+    fn plan(&mut self, ground: &WalkingGround<'_>, task: &Task) {
         let mut answer = plan(ground, task);
         if matches!(answer, Answer::Undecided { .. }) {
             answer = plan(ground, &Task { puts_down: true, ..task.clone() });
@@ -116,13 +116,14 @@ pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
     let database = Arc::new(motion_database::database(sources()));
     let cube: Element = "cube".parse().expect("invariant: the cube is a named element");
     for kind in Kind::METAMODULES {
-        let scene = Scene::new(database.clone(), kind, &cube, GRAMS, Limits::NOMINAL, Terrain::experiment());
+        let scene =
+            Scene::new(database.clone(), kind, &cube, GRAMS, LoadLimits::NOMINAL, Terrain::experiment());
         for tenths in TENTHS {
             let mut outcomes = Outcomes::default();
             let probability = Ratio::new(tenths, 10).expect("invariant: tenths are at most ten");
             for seed in (0..seeds.min(PUBLISHED)).take_while(|_| !stop.is_set()) {
-                let world = World::draw(&scene, probability, seed);
-                let ground = Ground::new(&scene, |connector| world.exists(connector));
+                let world = TransportWorld::draw(&scene, probability, seed);
+                let ground = WalkingGround::new(&scene, |connector| world.exists(connector));
                 outcomes.plan(&ground, &world.task(WEIGHTS[0]));
             }
             let (solved, moves) = match tenths {

@@ -1,13 +1,13 @@
 //! The agent of a free module: keeps the structure, and steps and tells its oscillators.
 
-use super::body::{Place, Pose, Status, Task};
+use super::body::{BodyPlace, BodyPose, JointTask, WalkStatus};
 use super::link_state::LinkStates;
-use super::message::{CONNECTORS, Docking, Follow, Gait, LinkState, Message, Order, PHASES, PhaseAt};
+use super::message::{CONNECTORS, Docking, Follow, Gait, LinkState, PHASES, PhaseAt, WalkMessage, WalkOrder};
 use super::rhythm::Rhythm;
 use super::routes::Routes;
 use super::{
-    COMMAND_AGE, COMMAND_PERIOD, COMPARE, COMPARE_SOON, PHASE_AGE, PHASE_PERIOD, PHASE_REPEAT, Setup,
-    StartPhases,
+    COMMAND_AGE, COMMAND_PERIOD, COMPARE, COMPARE_SOON, PHASE_AGE, PHASE_PERIOD, PHASE_REPEAT, StartPhases,
+    WalkSetup,
 };
 use crate::free_module::network::{Morphology, Network};
 use crate::free_module::oscillator::{Oscillator, Phase, STEP};
@@ -43,13 +43,13 @@ struct Adopted {
     network: Network,
     routes: Routes,
     /// The tasks of the own joints.
-    tasks: [Task; JOINTS as usize],
+    tasks: [JointTask; JOINTS as usize],
 }
 
 /// The agent of one free module.
 #[derive(Debug)]
 pub struct FreeModule {
-    setup: Arc<Setup>,
+    setup: Arc<WalkSetup>,
     id: ModuleId,
     rng: Rng,
     /// The modules that are docked while all contacts last.
@@ -82,7 +82,7 @@ impl FreeModule {
         self.rhythm.as_ref()?.phase(joint, &self.adopted.network, now)
     }
 
-    fn send(&mut self, port: Port, class: Class, message: Message) {
+    fn send(&mut self, port: Port, class: Class, message: WalkMessage) {
         self.outputs.push_back(Output::Send { port, class, message });
     }
     fn ports(&self) -> impl Iterator<Item = Port> + use<> {
@@ -105,7 +105,7 @@ impl FreeModule {
         if self.links.learn(link) {
             self.compare_at = self.compare_at.min(now + COMPARE_SOON);
             for port in self.ports().filter(|p| Some(*p) != from) {
-                self.send(port, Class::Connectivity, Message::LinkState(link));
+                self.send(port, Class::Connectivity, WalkMessage::LinkState(link));
             }
         }
     }
@@ -118,7 +118,7 @@ impl FreeModule {
             neighbour.repaired = last.module;
         }
         for link in links {
-            self.send(port, Class::Connectivity, Message::LinkState(link));
+            self.send(port, Class::Connectivity, WalkMessage::LinkState(link));
         }
     }
 
@@ -139,12 +139,12 @@ impl FreeModule {
         }
         let roles = morphology.articulations(self.setup.network);
         let tasks = [0, 1, 2].map(|j| Joint::new(self.id, j)).map(|joint| match roles.get(&joint) {
-            _ if network.oscillators.binary_search(&joint).is_err() => Task::Locked,
-            Some(role) => Task::Articulation(*role),
-            None => Task::Oscillates,
+            _ if network.oscillators.binary_search(&joint).is_err() => JointTask::Locked,
+            Some(role) => JointTask::Articulation(*role),
+            None => JointTask::Oscillates,
         });
         self.adopted = Adopted { of: known, network, routes, tasks };
-        self.outputs.push_back(Output::Report(Status { known, tasks }));
+        self.outputs.push_back(Output::Report(WalkStatus { known, tasks }));
     }
 
     /// Tells all neighbours which link states are known here: often while some of them know others.
@@ -159,7 +159,7 @@ impl FreeModule {
     }
 
     fn tell_known(&mut self, port: Port) {
-        let known = Message::Known { hash: self.links.fingerprint(), settled: self.is_settled() };
+        let known = WalkMessage::Known { hash: self.links.fingerprint(), settled: self.is_settled() };
         self.send(port, Class::Liveness, known);
     }
 
@@ -207,7 +207,7 @@ impl FreeModule {
         }
         for (port, phases) in by_port {
             for phases in phases.chunks(PHASES).map(<[PhaseAt]>::to_vec) {
-                self.send(port, Class::Gait, Message::Phases { epoch, phases });
+                self.send(port, Class::Gait, WalkMessage::Phases { epoch, phases });
             }
         }
     }
@@ -281,18 +281,18 @@ impl FreeModule {
 }
 
 impl Agent for FreeModule {
-    type Setup = Setup;
-    type Place = Place;
-    type Message = Message;
+    type Setup = WalkSetup;
+    type Place = BodyPlace;
+    type Message = WalkMessage;
     type Action = Follow;
-    type Percept = Pose;
-    type Order = Order;
-    type Report = Status;
+    type Percept = BodyPose;
+    type Order = WalkOrder;
+    type Report = WalkStatus;
 
     /// The number of ports: one for each connector.
     const PORTS: usize = CONNECTORS;
 
-    fn new(setup: &Arc<Setup>, birth: Birth<Place>, now: Time) -> FreeModule {
+    fn new(setup: &Arc<WalkSetup>, birth: Birth<BodyPlace>, now: Time) -> FreeModule {
         let Birth { id, incarnation, place, seed, .. } = birth;
         let own = LinkState { module: id, incarnation, number: 0, docking: Docking::default() };
         FreeModule {
@@ -324,14 +324,14 @@ impl Agent for FreeModule {
                     neighbour.heard = now;
                 }
                 match message {
-                    Message::LinkState(link) if link.module == self.id => {}
-                    Message::LinkState(link) => self.learn(now, link, Some(port)),
-                    Message::Known { hash, settled } => self.compared(now, port, hash, settled),
-                    Message::Phases { epoch, phases } => self.hear(now, port, epoch, phases),
+                    WalkMessage::LinkState(link) if link.module == self.id => {}
+                    WalkMessage::LinkState(link) => self.learn(now, link, Some(port)),
+                    WalkMessage::Known { hash, settled } => self.compared(now, port, hash, settled),
+                    WalkMessage::Phases { epoch, phases } => self.hear(now, port, epoch, phases),
                 }
             }
-            Input::Order(Order::Gait(gait)) => self.order(now, gait),
-            Input::Order(Order::Dead { module, incarnation }) => {
+            Input::Order(WalkOrder::Gait(gait)) => self.order(now, gait),
+            Input::Order(WalkOrder::Dead { module, incarnation }) => {
                 if self.links.bury(module, incarnation) {
                     self.compare_at = self.compare_at.min(now + COMPARE_SOON);
                 }
@@ -358,7 +358,7 @@ impl Agent for FreeModule {
             Some(rhythm) => format!("walking by gait {}", rhythm.epoch()),
             None => "resting".to_owned(),
         };
-        Summary { role: self.adopted.tasks.map(Task::name).join(", "), activity, ..Summary::default() }
+        Summary { role: self.adopted.tasks.map(JointTask::name).join(", "), activity, ..Summary::default() }
     }
 
     fn digest(&self, hasher: &mut dyn Hasher) {

@@ -156,7 +156,7 @@ fn angle(from: &mut Decoder<'_>, field: &'static str) -> Result<Angle, WireError
 
 /// A message between agents.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub enum Message {
+pub enum WalkMessage {
     /// The modules that a module is docked to; flooded to all.
     LinkState(LinkState),
     /// A comparison of what is known.
@@ -175,19 +175,19 @@ pub enum Message {
     },
 }
 
-impl Wire for Message {
+impl Wire for WalkMessage {
     fn kind(&self) -> u8 {
         match self {
-            Message::LinkState(_) => 0,
-            Message::Known { .. } => 1,
-            Message::Phases { .. } => 2,
+            WalkMessage::LinkState(_) => 0,
+            WalkMessage::Known { .. } => 1,
+            WalkMessage::Phases { .. } => 2,
         }
     }
     fn encode(&self, out: &mut Encoder) {
         match self {
-            Message::LinkState(link) => link.put(out),
-            Message::Known { hash, settled } => (*hash, *settled).put(out),
-            Message::Phases { epoch, phases } => {
+            WalkMessage::LinkState(link) => link.put(out),
+            WalkMessage::Known { hash, settled } => (*hash, *settled).put(out),
+            WalkMessage::Phases { epoch, phases } => {
                 out.u16(*epoch);
                 // Invariant: at most PHASES, which fit into a frame.
                 out.u8(phases.len() as u8);
@@ -195,17 +195,17 @@ impl Wire for Message {
             }
         }
     }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Message, WireError> {
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<WalkMessage, WireError> {
         match kind {
-            0 => Field::take("link", from).map(Message::LinkState),
-            1 => Ok(Message::Known { hash: from.u64()?, settled: from.bool("settled")? }),
+            0 => Field::take("link", from).map(WalkMessage::LinkState),
+            1 => Ok(WalkMessage::Known { hash: from.u64()?, settled: from.bool("settled")? }),
             2 => {
                 let (epoch, count) = (from.u16()?, usize::from(from.u8()?));
                 if count > PHASES {
                     return Err(WireError::Field("count"));
                 }
                 let phases = (0..count).map(|_| Field::take("phases", from)).collect::<Result<_, _>>()?;
-                Ok(Message::Phases { epoch, phases })
+                Ok(WalkMessage::Phases { epoch, phases })
             }
             _ => Err(WireError::Kind(kind)),
         }
@@ -295,7 +295,7 @@ impl Wire for Follow {
 
 /// An order of the controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Order {
+pub enum WalkOrder {
     /// A gait.
     Gait(Gait),
     /// The process of a module has ended, and its joints do not move.
@@ -307,26 +307,26 @@ pub enum Order {
     },
 }
 
-impl Wire for Order {
+impl Wire for WalkOrder {
     fn kind(&self) -> u8 {
         match self {
-            Order::Gait(_) => 0,
-            Order::Dead { .. } => 1,
+            WalkOrder::Gait(_) => 0,
+            WalkOrder::Dead { .. } => 1,
         }
     }
     fn encode(&self, out: &mut Encoder) {
         match self {
-            Order::Gait(gait) => gait.put(out),
-            Order::Dead { module, incarnation } => {
+            WalkOrder::Gait(gait) => gait.put(out),
+            WalkOrder::Dead { module, incarnation } => {
                 out.u16(module.0 as u16);
                 out.u16(incarnation.0);
             }
         }
     }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Order, WireError> {
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<WalkOrder, WireError> {
         match kind {
-            0 => Field::take("gait", from).map(Order::Gait),
-            1 => Ok(Order::Dead { module: module(from.u16()?)?, incarnation: Incarnation(from.u16()?) }),
+            0 => Field::take("gait", from).map(WalkOrder::Gait),
+            1 => Ok(WalkOrder::Dead { module: module(from.u16()?)?, incarnation: Incarnation(from.u16()?) }),
             _ => Err(WireError::Kind(kind)),
         }
     }
@@ -338,7 +338,7 @@ mod tests {
     use metamorph_core::wire::{PAYLOAD, from_payload, payload};
     use proptest::prelude::*;
 
-    fn longest() -> [Message; 3] {
+    fn longest() -> [WalkMessage; 3] {
         let docked = Docked { peer: ModuleId(255), connector: Connector::C3Z, rotation: 3 };
         let link = LinkState {
             module: ModuleId(255),
@@ -353,9 +353,9 @@ mod tests {
             at: Time::NEVER,
         };
         [
-            Message::LinkState(link),
-            Message::Known { hash: u64::MAX, settled: true },
-            Message::Phases { epoch: u16::MAX, phases: vec![phase; PHASES] },
+            WalkMessage::LinkState(link),
+            WalkMessage::Known { hash: u64::MAX, settled: true },
+            WalkMessage::Phases { epoch: u16::MAX, phases: vec![phase; PHASES] },
         ]
     }
 
@@ -369,8 +369,8 @@ mod tests {
         assert_eq!(lengths, [38, 9, 93]);
         assert!(lengths.iter().all(|l| *l <= PAYLOAD));
         let gait = Gait { epoch: 1, start: Time(2), joints: [None, Some(Parameters::default()), None] };
-        let dead = Order::Dead { module: ModuleId(255), incarnation: Incarnation(3) };
-        for order in [Order::Gait(gait), dead] {
+        let dead = WalkOrder::Dead { module: ModuleId(255), incarnation: Incarnation(3) };
+        for order in [WalkOrder::Gait(gait), dead] {
             assert_eq!(from_payload(order.kind(), &payload(&order)), Ok(order));
         }
         assert_eq!(payload(&Docking::default()).len(), 30);
@@ -384,16 +384,16 @@ mod tests {
     #[test]
     fn golden_bytes() {
         let phase = PhaseAt { oscillator: Joint(0x102), phase: Phase(3), amplitude: Angle(-1), at: Time(4) };
-        let bytes = payload(&Message::Phases { epoch: 5, phases: vec![phase] });
+        let bytes = payload(&WalkMessage::Phases { epoch: 5, phases: vec![phase] });
         assert_eq!(bytes, [5, 0, 1, 2, 1, 3, 0, 0, 0, 255, 255, 255, 255, 4, 0, 0, 0, 0, 0, 0, 0]);
     }
 
     #[test]
     fn each_wrong_field_is_refused_by_name() {
-        let changed = |message: &Message, at: usize, to: u8| {
+        let changed = |message: &WalkMessage, at: usize, to: u8| {
             let mut bytes = payload(message);
             bytes[at] = to;
-            from_payload::<Message>(message.kind(), &bytes)
+            from_payload::<WalkMessage>(message.kind(), &bytes)
         };
         let [link, known, phases] = longest();
         assert_eq!(changed(&link, 1, 1), Err(WireError::Field("module")));
@@ -403,14 +403,14 @@ mod tests {
         assert_eq!(changed(&phases, 2, 4), Err(WireError::Length));
         assert_eq!(changed(&phases, 4, 3), Err(WireError::Field("oscillator")));
         assert_eq!(changed(&phases, 12, 0), Err(WireError::Field("amplitude")));
-        assert_eq!(from_payload::<Message>(3, &payload(&known)), Err(WireError::Kind(3)));
+        assert_eq!(from_payload::<WalkMessage>(3, &payload(&known)), Err(WireError::Kind(3)));
     }
 
     proptest! {
         #[test]
         fn garbage_never_panics(kind in 0u8..4, bytes in proptest::collection::vec(any::<u8>(), 0..PAYLOAD)) {
-            let _ = from_payload::<Message>(kind, &bytes);
-            let _ = from_payload::<Order>(kind, &bytes);
+            let _ = from_payload::<WalkMessage>(kind, &bytes);
+            let _ = from_payload::<WalkOrder>(kind, &bytes);
             let _ = from_payload::<Follow>(kind, &bytes);
             let _ = from_payload::<Docking>(kind, &bytes);
         }

@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 
 /// Constant parameters that all agents of a structure share.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Setup {
+pub struct WalkSetup {
     /// Frequency, weight and rate of the oscillators.
     pub dynamics: Dynamics,
     /// The network.
@@ -35,11 +35,11 @@ pub struct Setup {
     pub time_stamps: bool,
 }
 
-impl Setup {
+impl WalkSetup {
     /// Returns the usual setup with this network.
-    pub const fn new(network: NetworkKind) -> Setup {
+    pub const fn new(network: NetworkKind) -> WalkSetup {
         let dynamics = Dynamics::THESIS;
-        Setup { dynamics, network, start: StartPhases::Locked, predict: true, time_stamps: true }
+        WalkSetup { dynamics, network, start: StartPhases::Locked, predict: true, time_stamps: true }
     }
 }
 

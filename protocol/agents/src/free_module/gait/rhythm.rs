@@ -1,7 +1,7 @@
 //! The oscillators of one agent, and what it has heard of those they are coupled with.
 
 use super::message::{Gait, Parameters, PhaseAt};
-use super::{PHASE_AGE, PHASE_REPEAT, Setup};
+use super::{PHASE_AGE, PHASE_REPEAT, WalkSetup};
 use crate::free_module::network::Network;
 use crate::free_module::oscillator::{Angle, Oscillator, Phase};
 use crate::free_module::structure::{JOINTS, Joint};
@@ -92,7 +92,7 @@ impl Rhythm {
     }
 
     /// Takes a step of integration from `now`.
-    pub fn step(&mut self, setup: &Setup, network: &Network, now: Time) {
+    pub fn step(&mut self, setup: &WalkSetup, network: &Network, now: Time) {
         // Joints without an oscillator go to 0, where they are locked.
         let mut next = self.oscillators;
         next.iter_mut().for_each(|o| o.step(&setup.dynamics, 0, Angle::default(), Angle::default()));
@@ -116,14 +116,14 @@ impl Rhythm {
     }
 
     /// Lets all oscillators turn at their frequency for a time.
-    pub fn coast(&mut self, setup: &Setup, time: Span) {
+    pub fn coast(&mut self, setup: &WalkSetup, time: Span) {
         for oscillator in &mut self.oscillators {
             oscillator.phase = oscillator.phase.after(time, setup.dynamics.frequency);
         }
     }
 
     /// Returns another oscillator at a time: a joint of this module, or one heard of not too long ago.
-    fn at(&self, joint: Joint, setup: &Setup, network: &Network, now: Time) -> Option<PhaseAt> {
+    fn at(&self, joint: Joint, setup: &WalkSetup, network: &Network, now: Time) -> Option<PhaseAt> {
         if joint.module() == self.module {
             return self.phase(joint, network, now);
         }
@@ -132,7 +132,7 @@ impl Rhythm {
     }
 
     /// Returns the phases to be sent now, of oscillators that are coupled beyond this module.
-    pub fn due(&mut self, setup: &Setup, network: &Network, now: Time) -> Vec<PhaseAt> {
+    pub fn due(&mut self, setup: &WalkSetup, network: &Network, now: Time) -> Vec<PhaseAt> {
         let active: Vec<Joint> = self.active(network).map(|(_, joint, _)| joint).collect();
         let leaves = |joint: &Joint| {
             let ends = |a: Joint, b: Joint| a == *joint && b.module() != self.module;
@@ -143,9 +143,9 @@ impl Rhythm {
         phases.into_iter().filter(|phase| self.is_due(phase, setup, now)).collect()
     }
 
-    /// Decides whether to send a phase now. A receiver may have lost all but the oldest of the last second, so a phase is
-    /// sent until later ones could be extrapolated for that long, and then once in that time.
-    fn is_due(&mut self, phase: &PhaseAt, setup: &Setup, now: Time) -> bool {
+    /// Decides whether to send a phase now. A receiver may have lost all but the oldest of the last second, so a
+    /// phase is sent until later ones could be extrapolated for that long, and then once in that time.
+    fn is_due(&mut self, phase: &PhaseAt, setup: &WalkSetup, now: Time) -> bool {
         let told = &mut self.told[usize::from(phase.oscillator.within())];
         let foreseen = |told: &&mut Told| {
             let expected = extrapolated(&told.since, setup, now);
@@ -182,7 +182,7 @@ impl Rhythm {
 }
 
 /// Returns a phase at a later time, if the oscillator turns at its frequency. Without time stamps it counts as of now.
-fn extrapolated(from: &PhaseAt, setup: &Setup, now: Time) -> PhaseAt {
+fn extrapolated(from: &PhaseAt, setup: &WalkSetup, now: Time) -> PhaseAt {
     let age: Span = if now > from.at { now.since(from.at) } else { Span::ZERO };
     PhaseAt { phase: from.phase.after(age, setup.dynamics.frequency), at: now, ..*from }
 }

@@ -4,13 +4,13 @@
 //! ignored. A connector closes or opens at once; a turn asks for the branch lock first. A module that has restarted
 //! keeps still for one lease, since it may have granted a lock before.
 
-use super::Setup;
+use super::LatticeSetup;
 use super::branch_lock::{BranchLock, Ports, ports};
 use super::message::{
-    Action, BodyAction, Denial, Failure, LockMessage, Message, Order, Percept, Refusal, Status, StepName,
-    StepResult,
+    Failure, LatticeAction, LatticeBodyAction, LatticeDenial, LatticeMessage, LatticeOrder, LatticePercept,
+    LatticeRefusal, LatticeStatus, LockMessage, StepName, StepResult,
 };
-use super::place::{CONNECTORS, Place};
+use super::place::{CONNECTORS, LatticePlace};
 use metamorph_core::agent::{Agent, Birth, Input, InputOf, Output, OutputOf, Summary};
 use metamorph_core::counters::Class;
 use metamorph_core::defects::Defect;
@@ -38,7 +38,7 @@ enum Stage {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Job {
     step: StepName,
-    body_action: BodyAction,
+    body_action: LatticeBodyAction,
     not_after: Time,
     stage: Stage,
 }
@@ -46,10 +46,10 @@ struct Job {
 /// The agent of a module of a free assembly.
 #[derive(Clone, Debug)]
 pub struct LatticeModule {
-    setup: Arc<Setup>,
+    setup: Arc<LatticeSetup>,
     id: ModuleId,
     rng: Rng,
-    place: Place,
+    place: LatticePlace,
     /// The connectors that are connected, as bits.
     docked: Ports,
     epoch: u32,
@@ -63,7 +63,7 @@ pub struct LatticeModule {
     token: u32,
     prevented: u32,
     waits_for: Option<ModuleId>,
-    told: Option<Status>,
+    told: Option<LatticeStatus>,
     outputs: VecDeque<OutputOf<LatticeModule>>,
 }
 
@@ -84,8 +84,8 @@ impl LatticeModule {
     fn has(&self, defect: Defect) -> bool {
         self.setup.defect == Some(defect)
     }
-    fn status(&self) -> Status {
-        Status {
+    fn status(&self) -> LatticeStatus {
+        LatticeStatus {
             epoch: self.epoch,
             place: self.place,
             busy: self.job.is_some() || self.is_carried,
@@ -99,21 +99,21 @@ impl LatticeModule {
         self.told = Some(status);
         self.outputs.push_back(Output::Report(status));
     }
-    fn send(&mut self, to: Ports, message: Message) {
+    fn send(&mut self, to: Ports, message: LatticeMessage) {
         for port in ports(to & self.docked) {
             self.outputs.push_back(Output::Send { port, class: Class::Negotiation, message });
         }
     }
-    fn respond(&mut self, port: Port, message: &Message, denial: Option<Denial>) {
+    fn respond(&mut self, port: Port, message: &LatticeMessage, denial: Option<LatticeDenial>) {
         let what = LockMessage::Response(denial.map(|why| (why, self.id)));
-        self.send(1 << port.0, Message { what, ..*message });
+        self.send(1 << port.0, LatticeMessage { what, ..*message });
     }
 
     /// Takes an order. One that was taken before is answered.
-    fn order(&mut self, now: Time, order: Order) {
+    fn order(&mut self, now: Time, order: LatticeOrder) {
         let epoch = match order {
-            Order::Hold { epoch } => epoch,
-            Order::Step { step, .. } => step.epoch,
+            LatticeOrder::Hold { epoch } => epoch,
+            LatticeOrder::Step { step, .. } => step.epoch,
         };
         if epoch < self.epoch && !self.has(Defect::FollowOldPlans) {
             return;
@@ -122,7 +122,7 @@ impl LatticeModule {
             self.epoch = epoch;
             self.drop_job();
         }
-        if let Order::Step { step, body_action, expect, not_after } = order {
+        if let LatticeOrder::Step { step, body_action, expect, not_after } = order {
             let known = self.last.is_some_and(|(last, _)| last == step) && !self.has(Defect::FollowOldPlans);
             if !known && self.job.is_none() {
                 self.job = Some(Job { step, body_action, not_after, stage: Stage::Waiting(now) });
@@ -186,8 +186,8 @@ impl LatticeModule {
             return self.back_off(now);
         }
         match job.body_action {
-            BodyAction::Attach(_) | BodyAction::Detach(_) => self.act(job.not_after),
-            BodyAction::Turn { joint, .. } => self.ask(now, joint),
+            LatticeBodyAction::Attach(_) | LatticeBodyAction::Detach(_) => self.act(job.not_after),
+            LatticeBodyAction::Turn { joint, .. } => self.ask(now, joint),
         }
     }
 
@@ -196,7 +196,7 @@ impl LatticeModule {
         job.stage = Stage::Acting;
         self.waits_for = None;
         let Job { step, body_action, .. } = *job;
-        self.outputs.push_back(Output::Act(Action { step, body_action, not_after }));
+        self.outputs.push_back(Output::Act(LatticeAction { step, body_action, not_after }));
     }
 
     /// Asks all modules that the turn moves to keep still.
@@ -239,7 +239,7 @@ impl LatticeModule {
             (None, Some((why, by))) => {
                 self.prevented += 1;
                 self.waits_for = Some(by);
-                if why == Denial::Loop {
+                if why == LatticeDenial::Loop {
                     return self.finish(Err(Failure::Impossible));
                 }
                 self.release();
@@ -257,15 +257,15 @@ impl LatticeModule {
     }
 
     /// Answers a request for a branch lock, or passes it on.
-    fn request(&mut self, now: Time, port: Port, message: &Message) {
+    fn request(&mut self, now: Time, port: Port, message: &LatticeMessage) {
         let own = self.lock.filter(|lock| lock.is_of(message));
         if message.origin == self.id {
             // The wave has come back: harmless from within the moving side, a loop from the other one.
             let inside = own.is_some_and(|lock| lock.asked >> port.0 & 1 != 0);
             let denial = match own {
-                None => Some(Denial::Changed),
+                None => Some(LatticeDenial::Changed),
                 Some(_) if inside => None,
-                Some(_) => Some(Denial::Loop),
+                Some(_) => Some(LatticeDenial::Loop),
             };
             return self.respond(port, message, denial);
         }
@@ -279,10 +279,10 @@ impl LatticeModule {
         // A later attempt of the same module replaces an earlier one.
         let stale = |lock: &BranchLock| lock.origin == message.origin && lock.token < message.token;
         let denial = match &self.lock {
-            _ if now < self.still_until => Some(Denial::Quarantined),
-            _ if self.job.is_some() || self.is_half_open() => Some(Denial::Busy),
-            _ if self.is_carried => Some(Denial::Held),
-            Some(lock) if !stale(lock) => Some(Denial::Held),
+            _ if now < self.still_until => Some(LatticeDenial::Quarantined),
+            _ if self.job.is_some() || self.is_half_open() => Some(LatticeDenial::Busy),
+            _ if self.is_carried => Some(LatticeDenial::Held),
+            Some(lock) if !stale(lock) => Some(LatticeDenial::Held),
             _ => None,
         };
         if denial.is_some() {
@@ -309,7 +309,7 @@ impl LatticeModule {
         self.place.closed & !self.docked != 0
     }
 
-    fn hear(&mut self, now: Time, port: Port, message: Message) {
+    fn hear(&mut self, now: Time, port: Port, message: LatticeMessage) {
         match message.what {
             LockMessage::Request => self.request(now, port, &message),
             LockMessage::Response(denial) => {
@@ -333,35 +333,36 @@ impl LatticeModule {
         self.docked = if is_there { self.docked | bit } else { self.docked & !bit };
         let by = self.id;
         // The answer to a request that was sent in the former contact does not come any more.
-        if self.lock.as_mut().is_some_and(|lock| lock.answer(port, Some((Denial::Changed, by)))) {
+        if self.lock.as_mut().is_some_and(|lock| lock.answer(port, Some((LatticeDenial::Changed, by)))) {
             self.answered(now);
         }
     }
 
-    fn sense(&mut self, now: Time, percept: Percept) {
+    fn sense(&mut self, now: Time, percept: LatticePercept) {
         let is_acting = self.job.is_some_and(|job| job.stage == Stage::Acting);
         match percept {
-            Percept::Done(place) => {
+            LatticePercept::Done(place) => {
                 self.place = place;
                 // Otherwise an earlier incarnation has begun it, and a step ordered meanwhile is for the place before.
                 self.finish(if is_acting { Ok(()) } else { Err(Failure::Stale) });
             }
-            Percept::Failed if !is_acting => {}
-            Percept::Failed => {
-                let is_turn = self.job.is_some_and(|job| matches!(job.body_action, BodyAction::Turn { .. }));
+            LatticePercept::Failed if !is_acting => {}
+            LatticePercept::Failed => {
+                let is_turn =
+                    self.job.is_some_and(|job| matches!(job.body_action, LatticeBodyAction::Turn { .. }));
                 self.finish(Err(if is_turn { Failure::Joint } else { Failure::Connection }));
             }
-            Percept::Refused(Refusal::Blocked) => self.finish(Err(Failure::Blocked)),
-            Percept::Refused(Refusal::Impossible) => self.finish(Err(Failure::Impossible)),
-            Percept::Refused(Refusal::Late | Refusal::Stale | Refusal::Busy) => {
+            LatticePercept::Refused(LatticeRefusal::Blocked) => self.finish(Err(Failure::Blocked)),
+            LatticePercept::Refused(LatticeRefusal::Impossible) => self.finish(Err(Failure::Impossible)),
+            LatticePercept::Refused(LatticeRefusal::Late | LatticeRefusal::Stale | LatticeRefusal::Busy) => {
                 self.release();
                 self.back_off(now);
             }
-            Percept::Carried(_) => {
+            LatticePercept::Carried(_) => {
                 self.is_carried = true;
                 self.tell();
             }
-            Percept::Settled { place, .. } => {
+            LatticePercept::Settled { place, .. } => {
                 self.place = place;
                 self.is_carried = false;
                 self.tell();
@@ -395,18 +396,18 @@ impl LatticeModule {
 }
 
 impl Agent for LatticeModule {
-    type Setup = Setup;
-    type Place = Place;
-    type Message = Message;
-    type Action = Action;
-    type Percept = Percept;
-    type Order = Order;
-    type Report = Status;
+    type Setup = LatticeSetup;
+    type Place = LatticePlace;
+    type Message = LatticeMessage;
+    type Action = LatticeAction;
+    type Percept = LatticePercept;
+    type Order = LatticeOrder;
+    type Report = LatticeStatus;
 
     /// The number of ports: one for each connector.
     const PORTS: usize = CONNECTORS;
 
-    fn new(setup: &Arc<Setup>, birth: Birth<Place>, now: Time) -> LatticeModule {
+    fn new(setup: &Arc<LatticeSetup>, birth: Birth<LatticePlace>, now: Time) -> LatticeModule {
         let Birth { id, incarnation, place, seed, .. } = birth;
         let restarted = incarnation > Incarnation(0);
         let mut agent = LatticeModule {

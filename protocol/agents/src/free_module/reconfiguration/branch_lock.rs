@@ -5,7 +5,7 @@
 //! loops within the moving side do no harm. A grant ends with its lease, or when the origin releases it. The origin
 //! counts the lease from before it asked, so its own ends first.
 
-use super::message::{Denial, LockMessage, Message};
+use super::message::{LatticeDenial, LatticeMessage, LockMessage};
 use metamorph_core::ids::{ModuleId, Port};
 use metamorph_core::time::Time;
 
@@ -31,7 +31,7 @@ pub struct BranchLock {
     /// Those of them that have not answered.
     pub awaiting: Ports,
     /// The first refusal, and the module that refused.
-    pub denial: Option<(Denial, ModuleId)>,
+    pub denial: Option<(LatticeDenial, ModuleId)>,
     /// The end of the lease.
     pub until: Time,
     /// When those that have not answered are asked again.
@@ -40,7 +40,7 @@ pub struct BranchLock {
 
 impl BranchLock {
     /// Returns true if this is the lock that a message is about.
-    pub fn is_of(&self, message: &Message) -> bool {
+    pub fn is_of(&self, message: &LatticeMessage) -> bool {
         (self.origin, self.token) == (message.origin, message.token)
     }
     /// Returns true if every port that was asked has answered.
@@ -48,7 +48,7 @@ impl BranchLock {
         self.awaiting == 0
     }
     /// Notes the answer of a port. Returns true if it was awaited.
-    pub fn answer(&mut self, port: Port, denial: Option<(Denial, ModuleId)>) -> bool {
+    pub fn answer(&mut self, port: Port, denial: Option<(LatticeDenial, ModuleId)>) -> bool {
         let bit = 1 << port.0;
         let awaited = self.awaiting & bit != 0;
         self.awaiting &= !bit;
@@ -58,7 +58,7 @@ impl BranchLock {
         awaited
     }
     /// Returns a message about this lock.
-    pub fn message(&self, what: LockMessage) -> Message {
-        Message { origin: self.origin, token: self.token, what }
+    pub fn message(&self, what: LockMessage) -> LatticeMessage {
+        LatticeMessage { origin: self.origin, token: self.token, what }
     }
 }

@@ -1,6 +1,6 @@
 //! Messages of free modules to each other, to their bodies and to the controller.
 
-use super::place::{CONNECTORS, Place, connectors};
+use super::place::{CONNECTORS, LatticePlace, connectors};
 use metamorph_core::ids::ModuleId;
 use metamorph_core::lattice::Cell;
 use metamorph_core::time::Time;
@@ -10,7 +10,7 @@ use metamorph_planning::assembly::tables::POSTURES;
 
 /// Part of one module in a step of a plan. A connection is made, or given up, by both sides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum BodyAction {
+pub enum LatticeBodyAction {
     /// Closes a connector, which faces another one.
     Attach(u8),
     /// Opens a connector.
@@ -24,30 +24,30 @@ pub enum BodyAction {
     },
 }
 
-impl BodyAction {
+impl LatticeBodyAction {
     const fn number(self) -> u8 {
         match self {
-            BodyAction::Attach(_) => 0,
-            BodyAction::Detach(_) => 1,
-            BodyAction::Turn { .. } => 2,
+            LatticeBodyAction::Attach(_) => 0,
+            LatticeBodyAction::Detach(_) => 1,
+            LatticeBodyAction::Turn { .. } => 2,
         }
     }
 }
 
-impl Field for BodyAction {
+impl Field for LatticeBodyAction {
     fn put(&self, out: &mut Encoder) {
         out.u8(self.number());
         match *self {
-            BodyAction::Attach(connector) | BodyAction::Detach(connector) => out.u8(connector),
-            BodyAction::Turn { joint, positive } => out.u8(2 * joint + u8::from(positive)),
+            LatticeBodyAction::Attach(connector) | LatticeBodyAction::Detach(connector) => out.u8(connector),
+            LatticeBodyAction::Turn { joint, positive } => out.u8(2 * joint + u8::from(positive)),
         }
     }
-    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<BodyAction, WireError> {
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<LatticeBodyAction, WireError> {
         let (number, what) = (from.u8()?, from.u8()?);
         match number {
-            0 if usize::from(what) < CONNECTORS => Ok(BodyAction::Attach(what)),
-            1 if usize::from(what) < CONNECTORS => Ok(BodyAction::Detach(what)),
-            2 if what < 6 => Ok(BodyAction::Turn { joint: what / 2, positive: what % 2 == 1 }),
+            0 if usize::from(what) < CONNECTORS => Ok(LatticeBodyAction::Attach(what)),
+            1 if usize::from(what) < CONNECTORS => Ok(LatticeBodyAction::Detach(what)),
+            2 if what < 6 => Ok(LatticeBodyAction::Turn { joint: what / 2, positive: what % 2 == 1 }),
             _ => Err(WireError::Field("body_action")),
         }
     }
@@ -68,7 +68,7 @@ fields!(StepName { epoch, index, attempt });
 
 /// An order of the controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Order {
+pub enum LatticeOrder {
     /// Orders of earlier epochs are over. What is under way is finished.
     Hold {
         /// The epoch that begins.
@@ -79,7 +79,7 @@ pub enum Order {
         /// Its name.
         step: StepName,
         /// The action of the body.
-        body_action: BodyAction,
+        body_action: LatticeBodyAction,
         /// The joint values and closed connectors for which it was planned.
         expect: (u8, u16),
         /// It does not begin later.
@@ -87,7 +87,7 @@ pub enum Order {
     },
 }
 
-messages!(Order {
+messages!(LatticeOrder {
     16 => Hold { epoch },
     17 => Step { step, body_action, expect, not_after }
         if usize::from(expect.0) < POSTURES => "posture"
@@ -128,11 +128,11 @@ pub type StepResult = Result<(), Failure>;
 
 /// Status report to the controller, sent on each change and in answer to a repeated order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Status {
+pub struct LatticeStatus {
     /// The latest epoch that it knows.
     pub epoch: u32,
     /// Where it is.
-    pub place: Place,
+    pub place: LatticePlace,
     /// It carries out a step, or is carried by another module's turn.
     pub busy: bool,
     /// Its latest step that is over, in this incarnation.
@@ -143,7 +143,7 @@ pub struct Status {
     pub waits_for: Option<ModuleId>,
 }
 
-impl Wire for Status {
+impl Wire for LatticeStatus {
     fn kind(&self) -> u8 {
         16
     }
@@ -159,11 +159,11 @@ impl Wire for Status {
         out.u32(self.prevented);
         self.waits_for.put(out);
     }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Status, WireError> {
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<LatticeStatus, WireError> {
         if kind != 16 {
             return Err(WireError::Kind(kind));
         }
-        let (epoch, place, busy) = (from.u32()?, Place::take("place", from)?, from.bool("busy")?);
+        let (epoch, place, busy) = (from.u32()?, LatticePlace::take("place", from)?, from.bool("busy")?);
         let step = StepName::take("step", from)?;
         let last = match from.u8()? {
             u8::MAX if step == StepName::default() => None,
@@ -175,41 +175,41 @@ impl Wire for Status {
         };
         let prevented = from.u32()?;
         let waits_for = Field::take("waits_for", from)?;
-        Ok(Status { epoch, place, busy, last, prevented, waits_for })
+        Ok(LatticeStatus { epoch, place, busy, last, prevented, waits_for })
     }
 }
 
 /// An action for the body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Action {
+pub struct LatticeAction {
     /// The step that it carries out.
     pub step: StepName,
     /// The action of the body.
-    pub body_action: BodyAction,
+    pub body_action: LatticeBodyAction,
     /// The body refuses to begin after this time.
     pub not_after: Time,
 }
 
-impl Wire for Action {
+impl Wire for LatticeAction {
     fn kind(&self) -> u8 {
         16 + self.body_action.number()
     }
     fn encode(&self, out: &mut Encoder) {
         (self.step, self.body_action, self.not_after).put(out);
     }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Action, WireError> {
-        let (step, body_action): (StepName, BodyAction) = Field::take("action", from)?;
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<LatticeAction, WireError> {
+        let (step, body_action): (StepName, LatticeBodyAction) = Field::take("action", from)?;
         if kind != 16 + body_action.number() {
             return Err(WireError::Kind(kind));
         }
-        Ok(Action { step, body_action, not_after: from.time()? })
+        Ok(LatticeAction { step, body_action, not_after: from.time()? })
     }
 }
 
 /// Why a body does not begin an action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
-pub enum Refusal {
+pub enum LatticeRefusal {
     /// Another module is in the way.
     Blocked = 0,
     /// The action reached the body after [`LatticeAction::not_after`].
@@ -222,7 +222,7 @@ pub enum Refusal {
     Impossible = 4,
 }
 
-codes!(Refusal, "refusal" { Blocked, Late, Stale, Busy, Impossible });
+codes!(LatticeRefusal, "refusal" { Blocked, Late, Stale, Busy, Impossible });
 
 /// The rotation of a part of the structure about a joint's axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -239,25 +239,25 @@ fields!(Swing { pivot, axis, degrees });
 
 /// Answer of a body to an action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Percept {
+pub enum LatticePercept {
     /// The action is done, and this is where the body is now.
-    Done(Place),
+    Done(LatticePlace),
     /// It failed; the body is where it was.
     Failed,
     /// It was not begun.
-    Refused(Refusal),
+    Refused(LatticeRefusal),
     /// Another module's turn begins, which carries this body.
     Carried(Swing),
     /// That turn is over. `moved` is false if it failed.
     Settled {
         /// Where the body is now.
-        place: Place,
+        place: LatticePlace,
         /// Whether it was moved.
         moved: bool,
     },
 }
 
-messages!(Percept {
+messages!(LatticePercept {
     16 => Done(place),
     17 => Failed,
     18 => Refused(refusal),
@@ -268,7 +268,7 @@ messages!(Percept {
 /// Why a branch lock is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
-pub enum Denial {
+pub enum LatticeDenial {
     /// The module has a pending action.
     Busy = 0,
     /// The module keeps still for another turn.
@@ -281,13 +281,19 @@ pub enum Denial {
     Changed = 4,
 }
 
-impl Denial {
-    const ALL: [Denial; 5] = [Denial::Busy, Denial::Held, Denial::Loop, Denial::Quarantined, Denial::Changed];
+impl LatticeDenial {
+    const ALL: [LatticeDenial; 5] = [
+        LatticeDenial::Busy,
+        LatticeDenial::Held,
+        LatticeDenial::Loop,
+        LatticeDenial::Quarantined,
+        LatticeDenial::Changed,
+    ];
 }
 
 /// A message between modules: it is about the branch lock of a turn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Message {
+pub struct LatticeMessage {
     /// The module that turns.
     pub origin: ModuleId,
     /// Its attempt; a later one is larger.
@@ -302,12 +308,12 @@ pub enum LockMessage {
     /// Keep still, and ask those behind.
     Request,
     /// All behind keep still, or one of them refuses.
-    Response(Option<(Denial, ModuleId)>),
+    Response(Option<(LatticeDenial, ModuleId)>),
     /// The lock is over.
     Release,
 }
 
-impl Wire for Message {
+impl Wire for LatticeMessage {
     fn kind(&self) -> u8 {
         match self.what {
             LockMessage::Request => 16,
@@ -324,20 +330,20 @@ impl Wire for Message {
             out.u32(by);
         }
     }
-    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Message, WireError> {
+    fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<LatticeMessage, WireError> {
         let (origin, token) = (ModuleId(from.u32()?), from.u32()?);
         let what = match kind {
             16 => LockMessage::Request,
             17 => LockMessage::Response(match (from.u8()?, from.u32()?) {
                 (u8::MAX, u32::MAX) => None,
                 (why, by) => {
-                    let why = Denial::ALL.get(usize::from(why)).ok_or(WireError::Field("denial"))?;
+                    let why = LatticeDenial::ALL.get(usize::from(why)).ok_or(WireError::Field("denial"))?;
                     Some((*why, ModuleId(by)))
                 }
             }),
             18 => LockMessage::Release,
             _ => return Err(WireError::Kind(kind)),
         };
-        Ok(Message { origin, token, what })
+        Ok(LatticeMessage { origin, token, what })
     }
 }

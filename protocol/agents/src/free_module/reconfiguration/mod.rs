@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 
 /// Constant parameters that all agents share. All times are scenario time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub struct Setup {
+pub struct LatticeSetup {
     /// How long a step of a joint takes, 120° or 90°.
     pub turn_time: Span,
     /// How long a connector takes to close or to open.
@@ -40,12 +40,12 @@ pub struct Setup {
     pub defect: Option<Defect>,
 }
 
-impl Setup {
+impl LatticeSetup {
     /// Returns the usual setup for joints that need `turn_time` per step, and links with this message delay.
-    pub fn scaled(turn_time: Span, delay: Span) -> Setup {
+    pub fn scaled(turn_time: Span, delay: Span) -> LatticeSetup {
         let round_trip = delay * 2;
         let resend = round_trip + Span(delay.0 / 2) + Span::millis(20);
-        Setup {
+        LatticeSetup {
             turn_time,
             connect_time: turn_time,
             lease: turn_time * 4 + resend * 16,

@@ -14,7 +14,7 @@ pub const CONNECTORS: usize = 10;
 
 /// Where a module is, its joint values, and which of its connectors are closed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Place {
+pub struct LatticePlace {
     /// The cell of the cube with C0X.
     pub cell: Cell,
     /// The rotation of the foot frame, by its number.
@@ -25,19 +25,19 @@ pub struct Place {
     pub closed: u16,
 }
 
-impl Place {
+impl LatticePlace {
     /// Returns the place of a module of a configuration.
-    pub fn of(module: &Module) -> Place {
+    pub fn of(module: &Module) -> LatticePlace {
         let [x, y, z] = module.cell.map(i16::from);
         let (rotation, posture, closed) = (module.rotation, module.posture, module.held);
-        Place { cell: Cell::new(x, y, z), rotation, posture, closed }
+        LatticePlace { cell: Cell::new(x, y, z), rotation, posture, closed }
     }
     /// Returns the place of a module of the checker's world.
-    pub fn of_robot(robot: &Robot, closed: u16) -> Place {
+    pub fn of_robot(robot: &Robot, closed: u16) -> LatticePlace {
         let rotation = TABLES.rotations.iter().position(|r| *r == robot.foot.rotation);
         let normal = robot.foot.rotation.apply([0, 0, 1]);
         let [x, y, z] = [0, 1, 2].map(|i| (robot.foot.half[i] + normal[i]).div_euclid(2));
-        Place {
+        LatticePlace {
             cell: Cell::new(x, y, z),
             rotation: rotation.expect("invariant: the table has all rotations") as u8,
             posture: robot.posture.code() as u8,
@@ -72,9 +72,9 @@ impl Place {
 
 /// Returns the configuration of modules at these places, with the first at the origin; a connector holds if it is
 /// closed. `None` if they are too many or too far apart for a configuration.
-pub fn configuration(places: &[Place]) -> Option<Configuration> {
+pub fn configuration(places: &[LatticePlace]) -> Option<Configuration> {
     let origin = places.first()?.cell;
-    let module = |place: &Place| {
+    let module = |place: &LatticePlace| {
         let along = |a: i16, b: i16| i8::try_from(a - b).ok();
         let Cell { x, y, z } = place.cell;
         let cell = [along(x, origin.x)?, along(y, origin.y)?, along(z, origin.z)?];
@@ -83,16 +83,16 @@ pub fn configuration(places: &[Place]) -> Option<Configuration> {
     Configuration::new(&places.iter().map(module).collect::<Option<Vec<_>>>()?)
 }
 
-impl Field for Place {
+impl Field for LatticePlace {
     fn put(&self, out: &mut Encoder) {
         (self.cell, self.rotation, self.posture).put(out);
         out.u16(self.closed);
     }
-    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Place, WireError> {
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<LatticePlace, WireError> {
         let below = |value: u8, bound: usize, field| {
             if usize::from(value) < bound { Ok(value) } else { Err(WireError::Field(field)) }
         };
-        Ok(Place {
+        Ok(LatticePlace {
             cell: from.cell()?,
             rotation: below(from.u8()?, ROTATIONS, "rotation")?,
             posture: below(from.u8()?, POSTURES, "posture")?,
@@ -101,7 +101,7 @@ impl Field for Place {
     }
 }
 
-only_message!(Place = 16);
+only_message!(LatticePlace = 16);
 
 /// Checks a set of connectors.
 ///

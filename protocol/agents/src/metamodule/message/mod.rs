@@ -330,7 +330,7 @@ impl Denial {
     pub const fn is_collision(self) -> bool {
         matches!(self, Denial::Occupied | Denial::Held | Denial::Younger)
     }
-    pub(super) fn mark(self) -> CoveragePoint {
+    pub(super) fn coverage_point(self) -> CoveragePoint {
         match self {
             Denial::Occupied => CoveragePoint::MetaDeniedOccupied,
             Denial::Held => CoveragePoint::MetaDeniedHeld,

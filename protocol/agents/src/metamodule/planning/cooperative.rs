@@ -99,12 +99,12 @@ pub enum SearchResult {
 const HELD: [usize; 2] = [300, 4_000];
 /// Largest number of bodies examined as a group that confines itself.
 const GROUP: usize = 3;
-/// Divisor of the work of the first pass over single bodies and pairs.
-const HASTE: usize = 20;
+/// Factor by which the work bound of the first pass over single bodies and pairs is smaller.
+const FIRST_PASS_DIVISOR: usize = 20;
 /// Factor of the work that all single bodies and pairs may take together.
 const FEW: usize = 10;
 /// Factor of the work that random walks may take.
-const LUCK: usize = 5;
+const RANDOM_WALK_FACTOR: usize = 5;
 
 /// Default work bound: a number of placements examined, as [`search`] counts them. Agents and the judge use the same,
 /// so both find the same plans.
@@ -131,7 +131,7 @@ pub fn search(standstill: &Standstill, work: usize) -> SearchResult {
     let mut groups: Vec<Vec<usize>> = movers.iter().map(|i| vec![*i]).chain(pairs).collect();
     // Most plans take little work to find.
     let mut left = work.saturating_mul(FEW);
-    for most in [work / HASTE, work] {
+    for most in [work / FIRST_PASS_DIVISOR, work] {
         let mut undecided = Vec::new();
         for group in groups {
             if left == 0 {
@@ -166,7 +166,7 @@ pub fn search(standstill: &Standstill, work: usize) -> SearchResult {
             decided => return decided,
         }
     }
-    random_walk_search(standstill, &movers, work.saturating_mul(LUCK))
+    random_walk_search(standstill, &movers, work.saturating_mul(RANDOM_WALK_FACTOR))
         .map_or(SearchResult::Undecided, SearchResult::Path)
 }
 

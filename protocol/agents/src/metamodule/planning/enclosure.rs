@@ -26,19 +26,20 @@ pub fn is_away(from: Middle, to: (i16, i16)) -> bool {
 
 /// Range of cached cells along x and y, in connectors from the one that holds the body.
 const NEAR: i16 = 10;
-const SIDE: usize = 2 * NEAR as usize + 1;
+/// Width of the cached range along x and y, in cells.
+const SIDE_CELLS: usize = 2 * NEAR as usize + 1;
 /// Range of cached cells along z.
 const HEIGHT: usize = 9;
 
 /// A set of cells in the frame of the connector that holds the body.
-struct Near([u64; (SIDE * SIDE * HEIGHT).div_ceil(64)]);
+struct Near([u64; (SIDE_CELLS * SIDE_CELLS * HEIGHT).div_ceil(64)]);
 
 impl Near {
     /// Returns the number of a cell; `None` if it is out of range.
     fn number(cell: Cell) -> Option<u16> {
-        let along = |c: i16| usize::try_from(c + NEAR).ok().filter(|i| *i < SIDE);
+        let along = |c: i16| usize::try_from(c + NEAR).ok().filter(|i| *i < SIDE_CELLS);
         let up = usize::try_from(cell.z).ok().filter(|i| *i < HEIGHT)?;
-        Some(((along(cell.x)? * SIDE + along(cell.y)?) * HEIGHT + up) as u16)
+        Some(((along(cell.x)? * SIDE_CELLS + along(cell.y)?) * HEIGHT + up) as u16)
     }
     fn new(state: GridState, cells: &[Cell]) -> Near {
         let mut near = Near([0; _]);
@@ -162,10 +163,10 @@ impl Ground<'_> {
         if finds(kept.walls(state), holds) {
             return true;
         }
-        match self.look_for_way_out(pose) {
+        match self.find_route_out(pose) {
             Ok(steps) => {
                 let first = steps.first().and_then(|posture| graph.rest(*posture));
-                if let Some((rest, path)) = first.zip(self.way_out(pose, &steps)) {
+                if let Some((rest, path)) = first.zip(self.escape_path(pose, &steps)) {
                     keep(&mut kept.paths[usize::from(rest)], path, WAYS);
                 }
                 false
@@ -192,7 +193,7 @@ impl Ground<'_> {
 
     /// Returns the landings of a route out with the fewest steps; or else taken cells that block all routes,
     /// and the bounding rectangle of all connectors visited.
-    fn look_for_way_out(&self, from: Pose) -> Result<Vec<u16>, (Vec<Cell>, Rectangle)> {
+    fn find_route_out(&self, from: Pose) -> Result<Vec<u16>, (Vec<Cell>, Rectangle)> {
         let graph = self.motions.graph();
         let middle = self.motions.middle(from);
         let (mut left, mut steps) = (Left::new(self.floor), vec![Step { pose: from, by: None }]);
@@ -227,7 +228,7 @@ impl Ground<'_> {
     }
 
     /// Returns the cached form of a route; `None` if it leaves the range of the cache.
-    fn way_out(&self, from: Pose, steps: &[u16]) -> Option<EscapePath> {
+    fn escape_path(&self, from: Pose, steps: &[u16]) -> Option<EscapePath> {
         let graph = self.motions.graph();
         let (first, steps) = steps.split_first()?;
         let foot = |pose: Pose| {
@@ -285,7 +286,7 @@ mod tests {
                 let pose = body();
                 let taken: Vec<Cell> = (0..round % 9).flat_map(|_| motions.cells(body())).collect();
                 let ground = Ground { motions: &motions, floor, taken: &taken };
-                let expected = ground.look_for_way_out(pose).is_err();
+                let expected = ground.find_route_out(pose).is_err();
                 for _ in 0..2 {
                     assert_eq!(ground.is_shut_in(pose), expected, "{kind} {pose:?} {taken:?}");
                 }

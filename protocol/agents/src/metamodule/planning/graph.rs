@@ -6,7 +6,7 @@
 //! cache affects the time an answer takes, never the answer.
 
 use crate::metamodule::planning::lru_cache::{Memo, mix};
-use crate::metamodule::planning::posture_set::{Place, PostureSet, Turns};
+use crate::metamodule::planning::posture_set::{PostureIndex, PostureSet, Turns};
 use crate::metamodule::pose::to_world;
 use metamorph_core::lattice::Cell;
 use metamorph_roombots::database::{Database, Table};
@@ -59,7 +59,7 @@ pub struct Steps {
 const KEPT: (usize, usize, usize) = (1 << 13, 1 << 14, 1 << 13);
 
 /// The graph of the strict steps of one kind.
-pub struct Graph {
+pub struct MotionGraph {
     /// By joint: the postures from which a strict step turns it forwards.
     strict: Turns,
     /// By cell: the turns that sweep it.
@@ -69,7 +69,7 @@ pub struct Graph {
     /// By step: the cells that it sweeps.
     swept: Vec<Bits>,
     /// The place of each posture in sets, and the inverse.
-    places: Vec<Place>,
+    places: Vec<PostureIndex>,
     posture_at: Vec<u16>,
     /// The postures that land, and the postures of each chain.
     landers: PostureSet,
@@ -97,21 +97,22 @@ pub struct Graph {
 const UNKNOWN: u8 = u8::MAX;
 /// Range of motions along x and y, in cells from the foot; along z they stay below twice as much.
 const RADIUS: i16 = 4;
-const SIDE: usize = 2 * RADIUS as usize + 1;
+/// Width of the range of motions, in cells.
+const SIDE_CELLS: usize = 2 * RADIUS as usize + 1;
 
 /// Returns the number of a cell around the foot; `None` if it is out of range.
 fn slot(cell: Cell) -> Option<usize> {
     let along = |c: i16| usize::from(c.wrapping_add(RADIUS) as u16);
     let (x, y, z) = (along(cell.x), along(cell.y), usize::from(cell.z as u16));
-    (x < SIDE && y < SIDE && z < SIDE).then_some((x * SIDE + y) * SIDE + z)
+    (x < SIDE_CELLS && y < SIDE_CELLS && z < SIDE_CELLS).then_some((x * SIDE_CELLS + y) * SIDE_CELLS + z)
 }
 
-impl Graph {
+impl MotionGraph {
     /// Lays out a table. Invariant: the caller has checked that the cells of the database fit 128 bits.
-    pub fn new(database: &Database, table: &Table) -> Graph {
+    pub fn new(database: &Database, table: &Table) -> MotionGraph {
         let cells = database.cells().to_vec();
         let numbers = [0, 1, 2, 3].map(|class| {
-            let mut numbers = vec![UNKNOWN; SIDE * SIDE * SIDE];
+            let mut numbers = vec![UNKNOWN; SIDE_CELLS * SIDE_CELLS * SIDE_CELLS];
             let seen = |cell: &Cell| slot(to_world(GridState::new(0, 0, class), *cell));
             (0..).zip(&cells).for_each(|(i, cell)| seen(cell).into_iter().for_each(|slot| numbers[slot] = i));
             numbers
@@ -119,8 +120,9 @@ impl Graph {
         let bits = |set: &metamorph_roombots::database::CellSet| {
             set.indices().filter(|i| *i < 128).fold(0, |bits: Bits, i| bits | 1 << i)
         };
-        let places: Vec<Place> = table.postures().iter().map(|e| Place::of(e.posture)).collect();
-        let mut posture_at = vec![u16::MAX; Place::COUNT];
+        let places: Vec<PostureIndex> =
+            table.postures().iter().map(|e| PostureIndex::of(e.posture)).collect();
+        let mut posture_at = vec![u16::MAX; PostureIndex::COUNT];
         (0..).zip(&places).for_each(|(posture, place)| posture_at[place.index()] = posture);
         let swept: Vec<Bits> = table.steps().iter().map(|s| bits(&s.core) | bits(&s.graze)).collect();
         let mut strict = PostureSet::NO_TURNS;
@@ -152,7 +154,7 @@ impl Graph {
         for (place, _) in places.iter().zip(&landing).filter(|(_, l)| l.is_some()) {
             landers.add(*place);
         }
-        Graph {
+        MotionGraph {
             strict,
             sweepers,
             steps,
@@ -351,10 +353,10 @@ impl Graph {
     /// Returns a shortest path to a posture; `None` if there is none.
     pub fn path(&self, from: u16, to: u16, taken: Bits) -> Option<Arc<Steps>> {
         let hash = mix(hash(taken), u64::from(from) << 16 | u64::from(to));
-        self.paths.answer(hash, (from, to, taken), |_| self.find_way(from, to, taken).map(Arc::new))
+        self.paths.answer(hash, (from, to, taken), |_| self.find_path(from, to, taken).map(Arc::new))
     }
 
-    fn find_way(&self, from: u16, to: u16, taken: Bits) -> Option<Steps> {
+    fn find_path(&self, from: u16, to: u16, taken: Bits) -> Option<Steps> {
         let goal = *self.places.get(usize::from(to))?;
         let free = self.free(taken);
         let mut levels = Vec::with_capacity(16);
@@ -434,7 +436,7 @@ mod tests {
         let mut rng = Rng::named(1, "taken", 0);
         for kind in Kind::METAMODULES {
             let table = database.table(kind);
-            let graph = Graph::new(&database, table);
+            let graph = MotionGraph::new(&database, table);
             for round in 0..60 {
                 let from = rng.below(table.postures().len() as u64) as u16;
                 let taken: Vec<Cell> = (0..round / 6)
@@ -463,7 +465,7 @@ mod tests {
                     assert_eq!(graph.lands(from, wall), lands, "it holds by itself");
                 }
                 for (to, _) in expected.into_iter().take(3) {
-                    let path = table.way_within(&slow, from, to).unwrap();
+                    let path = table.path_within(&slow, from, to).unwrap();
                     let found = graph.path(from, to, bits).unwrap();
                     assert_eq!(found.steps.len(), path.steps.len());
                     let (mut at, mut swept) = (from, 0);

@@ -9,23 +9,24 @@ pub struct Memo<K, V> {
     count: usize,
 }
 
-const WAYS: usize = 4;
+/// Number of entries of a set: the cache is set-associative.
+const SET_LEN: usize = 4;
 /// Most recently used first.
-type Set<K, V> = [Option<(K, V)>; WAYS];
+type Set<K, V> = [Option<(K, V)>; SET_LEN];
 
 impl<K, V> Memo<K, V> {
     /// Returns an empty cache for `answers` answers, a multiple of four. Memory is allocated on first use.
     pub const fn new(answers: usize) -> Memo<K, V> {
-        Memo { sets: Mutex::new(Vec::new()), count: answers / WAYS }
+        Memo { sets: Mutex::new(Vec::new()), count: answers / SET_LEN }
     }
 
     fn put(&self, hash: u64, question: K, answer: V) {
         let mut sets = self.sets.lock().unwrap_or_else(PoisonError::into_inner);
         if sets.is_empty() {
-            sets.resize_with(self.count, || [const { None }; WAYS]);
+            sets.resize_with(self.count, || [const { None }; SET_LEN]);
         }
         let set = &mut sets[hash as usize % self.count];
-        let free = set.iter().position(Option::is_none).unwrap_or(WAYS - 1);
+        let free = set.iter().position(Option::is_none).unwrap_or(SET_LEN - 1);
         set[..=free].rotate_right(1);
         set[0] = Some((question, answer));
     }

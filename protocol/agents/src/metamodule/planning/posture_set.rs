@@ -17,20 +17,20 @@ pub struct PostureSet([u64; WORDS]);
 
 /// The number of a posture in a [`PostureSet`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Place(u16);
+pub struct PostureIndex(u16);
 
-impl Place {
+impl PostureIndex {
     /// Bound of the numbers.
     pub const COUNT: usize = WORDS * 64;
 
     /// Returns the number of a posture of a metamodule.
-    pub fn of(posture: Posture) -> Place {
+    pub fn of(posture: Posture) -> PostureIndex {
         match *posture.steps() {
             [a, b, c, d, e, f] => {
-                Place((u16::from((a * 3 + c) * 3 + d)) << 6 | u16::from(f * 16 + b * 4 + e))
+                PostureIndex((u16::from((a * 3 + c) * 3 + d)) << 6 | u16::from(f * 16 + b * 4 + e))
             }
             // Invariant: only metamodules have a graph, and all of theirs have six joints.
-            _ => Place(0),
+            _ => PostureIndex(0),
         }
     }
     /// Returns the number as an index.
@@ -49,11 +49,11 @@ impl PostureSet {
     pub const NO_TURNS: Turns = [PostureSet::NONE; MAX_JOINTS];
 
     /// Adds a posture.
-    pub fn add(&mut self, place: Place) {
+    pub fn add(&mut self, place: PostureIndex) {
         self.0[place.index() / 64] |= 1 << (place.0 % 64);
     }
     /// True if the posture is in the set.
-    pub fn has(&self, place: Place) -> bool {
+    pub fn has(&self, place: PostureIndex) -> bool {
         self.0[place.index() / 64] >> (place.0 % 64) & 1 == 1
     }
     /// True if the set is empty.
@@ -83,13 +83,13 @@ impl PostureSet {
         self
     }
     /// Iterates over the set in ascending order.
-    pub fn iter(&self) -> impl Iterator<Item = Place> + '_ {
+    pub fn iter(&self) -> impl Iterator<Item = PostureIndex> + '_ {
         (0..WORDS as u16).zip(&self.0).flat_map(|(i, word)| {
             let mut word = *word;
             std::iter::from_fn(move || {
                 let bit = (word != 0).then(|| word.trailing_zeros() as u16)?;
                 word &= word - 1;
-                Some(Place(i << 6 | bit))
+                Some(PostureIndex(i << 6 | bit))
             })
         })
     }
@@ -158,8 +158,8 @@ mod tests {
     fn turning_a_set_turns_each_of_it() {
         let mut seen = PostureSet::NONE;
         for posture in Posture::all(Kind::Par) {
-            let place = Place::of(posture);
-            assert!(!seen.has(place) && place.index() < Place::COUNT);
+            let place = PostureIndex::of(posture);
+            assert!(!seen.has(place) && place.index() < PostureIndex::COUNT);
             seen.add(place);
             let mut one = PostureSet::NONE;
             one.add(place);
@@ -168,17 +168,17 @@ mod tests {
                 let (mut turns, mut to) = (PostureSet::NO_TURNS, PostureSet::NONE);
                 assert!(one.spread(&turns).is_empty());
                 turns[joint].add(place);
-                to.add(Place::of(posture.turned(joint)));
+                to.add(PostureIndex::of(posture.turned(joint)));
                 assert_eq!(one.spread(&turns), to, "{posture:?} {joint}");
-                turns[joint].add(Place::of(back));
-                to.add(Place::of(back));
+                turns[joint].add(PostureIndex::of(back));
+                to.add(PostureIndex::of(back));
                 assert_eq!(one.spread(&turns), to, "{posture:?} {joint}");
             }
         }
         assert_eq!(seen.iter().count(), 1296);
         let all = [seen; MAX_JOINTS];
         let mut zero = PostureSet::NONE;
-        zero.add(Place::of(Posture::zero(Kind::Par)));
+        zero.add(PostureIndex::of(Posture::zero(Kind::Par)));
         assert_eq!(zero.spread(&all).iter().count(), 12);
         assert_eq!(zero.flood(&all), seen);
         assert_eq!(zero.flood(&PostureSet::NO_TURNS), zero);

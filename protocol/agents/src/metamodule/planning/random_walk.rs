@@ -16,10 +16,10 @@ use metamorph_core::rng::Rng;
 const FIRST: usize = 16;
 /// Largest number of trips of a try.
 const LONGEST: usize = 512;
-/// After the first plan, this many times the work it took is spent on finding shorter ones.
-const MORE: usize = 3;
-/// Shortening one plan takes at most this fraction of the work.
-const SHORTENING: usize = 8;
+/// Factor of the work spent on shorter plans after the first one, relative to the work that the first one took.
+const SHORTER_PLANS_FACTOR: usize = 3;
+/// Divisor of the work: the share that shortening one plan may take.
+const SHORTENING_DIVISOR: usize = 8;
 
 /// One body moves to another pose while all others stay.
 #[derive(Clone, Copy)]
@@ -41,12 +41,12 @@ pub(super) fn random_walk_search(
         // Each try has a state space of its own: one for all would take too much memory.
         let mut state_space = StateSpace::new(standstill, standstill.fixed.clone());
         let path = Path::by_random_walk(standstill, movers, &mut state_space, most, left, &mut rng);
-        let until = state_space.work + work / SHORTENING;
+        let until = state_space.work + work / SHORTENING_DIVISOR;
         let moves = path.and_then(|path| path.shortened(standstill, &mut state_space, until));
         left = left.saturating_sub(state_space.work);
         if moves.is_some() && best.is_none() {
             hit(CoveragePoint::MetaByLuck);
-            left = left.min((work - left).saturating_mul(MORE));
+            left = left.min((work - left).saturating_mul(SHORTER_PLANS_FACTOR));
         }
         best = best.into_iter().chain(moves).min_by_key(Vec::len);
         most = LONGEST.min(most * 2);

@@ -49,8 +49,8 @@ pub fn distance(steps: u16, from: Pose, to: Place) -> i64 {
     2 * ONE * i64::from(steps) + length(dx * ONE, dy * ONE) / 4
 }
 
-/// The bonus for a move to a place from which the seed can be filled.
-const HOME: i64 = 10 * ONE;
+/// Bonus of a move to a place from which the seed can be filled: as much as a gain of ten moves.
+const FILL_BONUS: i64 = 10 * ONE;
 
 impl<'a> Field<'a> {
     /// A field without seeds and pushes, on a metamodule at `at` whose moves lead to `places`. `fixed` are
@@ -76,7 +76,7 @@ impl<'a> Field<'a> {
             let steps = distances.steps(*to, motions.rest_bit(to.posture));
             // A place without a way to the seed loses all of the distance.
             let gain = steps.map_or(-far, |s| far - distance(s, *to, seed.foot));
-            gain + if steps == Some(0) { HOME } else { 0 }
+            gain + if steps == Some(0) { FILL_BONUS } else { 0 }
         };
         self.seeds.push((ONE * ONE / far.max(1), self.places.iter().map(gain).collect()));
     }

@@ -132,8 +132,8 @@ impl Policy {
         }
     }
     /// Notes the way of a neighbour. Returns whether that is news.
-    pub fn hear_way(&mut self, v: View<'_>, port: Port, path: Path) -> bool {
-        self.negotiated_mut().is_some_and(|n| n.hear_way(v, port, path))
+    pub fn hear_path(&mut self, v: View<'_>, port: Port, path: Path) -> bool {
+        self.negotiated_mut().is_some_and(|n| n.hear_path(v, port, path))
     }
     /// Notes what a neighbour orders. Returns whether that is news.
     pub fn hear_directive(&mut self, v: View<'_>, port: Port, directive: Directive) -> bool {

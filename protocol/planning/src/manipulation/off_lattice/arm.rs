@@ -2,7 +2,7 @@
 
 use crate::manipulation::contact::{Block, CORNER_RADIUS};
 use crate::manipulation::element::centre_of;
-use crate::manipulation::load::{Limits, Peak};
+use crate::manipulation::load::{LoadLimits, Peak};
 use metamorph_core::lattice::Cell;
 use metamorph_roombots::chain::{Chain, Pose};
 use metamorph_roombots::collision::{SHRINK, self_collision};
@@ -33,7 +33,7 @@ pub struct Arm {
     cube: Cube,
     /// Mass of the cube in kilograms.
     mass: f64,
-    limits: Limits,
+    limits: LoadLimits,
     /// Cells that nothing may enter, seen from the foot.
     obstacles: Vec<Cell>,
 }
@@ -45,7 +45,7 @@ fn middle(cell: Cell) -> Vector3<f64> {
 
 impl Arm {
     /// Creates a metamodule with a cube of so many grams.
-    pub fn new(kind: Kind, cube: Cube, grams: u32, limits: Limits) -> Arm {
+    pub fn new(kind: Kind, cube: Cube, grams: u32, limits: LoadLimits) -> Arm {
         let (chain, mass) = (Chain::of(kind), f64::from(grams) / 1000.0);
         Arm { kind, chain, cube, mass, limits, obstacles: Vec::new() }
     }

@@ -3,12 +3,12 @@
 use super::arm::{Arm, Cube};
 use super::connect::{Path, connect, is_free_between};
 use crate::manipulation::colour::colour;
-use crate::manipulation::load::Limits;
+use crate::manipulation::load::LoadLimits;
 use crate::manipulation::scene::{Foothold, NO_SET, Scene};
 use crate::manipulation::terrain::world_cell;
-use crate::manipulation::transport::{Answer, Plan, Task, plan};
+use crate::manipulation::transport::{Answer, ManipulationPlan, Task, plan};
 use crate::manipulation::verification::BodyAction;
-use crate::manipulation::walking::{Body, Ground, Motion};
+use crate::manipulation::walking::{Body, Motion, WalkingGround};
 use metamorph_core::lattice::Cell;
 use metamorph_roombots::Kind;
 use metamorph_roombots::database::Table;
@@ -35,7 +35,7 @@ pub struct GripCounts {
 
 /// A motion that puts a cube down in a cell of the other colour.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Change {
+pub struct ColourChange {
     /// The cell, seen from the foot.
     pub cell: Cell,
     /// The posture in which the metamodule holds the cube before.
@@ -57,7 +57,7 @@ fn cells(height: i16, is_other: bool) -> impl Iterator<Item = Cell> {
 
 /// Counts the grips of a cube of so many grams.
 pub fn grips(kind: Kind, height: i16, is_other: bool, grams: u32) -> GripCounts {
-    let arm = Arm::new(kind, Cube::Held, grams, Limits::NOMINAL);
+    let arm = Arm::new(kind, Cube::Held, grams, LoadLimits::NOMINAL);
     let mut counts = GripCounts::default();
     for cell in cells(height, is_other).filter(|c| (c.x, c.y, c.z) != (0, 0, 0)) {
         let mut is_free = false;
@@ -75,17 +75,17 @@ pub fn grips(kind: Kind, height: i16, is_other: bool, grams: u32) -> GripCounts 
 }
 
 /// Finds changes on an open floor: for each cell of the other colour the first one, and none if no motion was found.
-pub fn changes(scene: &Scene, grams: u32, seed: u64) -> Vec<Change> {
+pub fn changes(scene: &Scene, grams: u32, seed: u64) -> Vec<ColourChange> {
     let (table, carry) = (scene.table(), &scene.carry()[0]);
     let kind = table.kind();
     let radians = |p: &u16| table.postures()[usize::from(*p)].posture.radians();
     let (holding, empty) = (carry.main_set(), main_set(table));
-    let held = Arm::new(kind, Cube::Held, grams, Limits::NOMINAL);
+    let held = Arm::new(kind, Cube::Held, grams, LoadLimits::NOMINAL);
     let within: Vec<u16> = holding.into_iter().filter(|p| held.is_free(&radians(p))).collect();
     let roots: Vec<Vec<f64>> = within.iter().map(radians).collect();
     let mut found = Vec::new();
     for cell in cells(0, true) {
-        let beside = Arm::new(kind, Cube::At(cell), grams, Limits::NOMINAL);
+        let beside = Arm::new(kind, Cube::At(cell), grams, LoadLimits::NOMINAL);
         let away: Vec<u16> = empty.iter().copied().filter(|p| beside.is_free(&radians(p))).collect();
         let ends: Vec<Vec<f64>> = away.iter().map(radians).collect();
         let change = || {
@@ -97,7 +97,7 @@ pub fn changes(scene: &Scene, grams: u32, seed: u64) -> Vec<Change> {
                     let posture = |of: &[u16], q: &[f64]| of.iter().copied().find(|p| radians(p) == q);
                     let (from, to) = (posture(&within, lowering.first()?), posture(&away, leaving.last()?));
                     if let (Some(from), Some(to)) = (from, to) {
-                        return Some(Change { cell, from, lowering, leaving, to });
+                        return Some(ColourChange { cell, from, lowering, leaving, to });
                     }
                 }
             }
@@ -120,18 +120,22 @@ fn main_set(table: &Table) -> Vec<u16> {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColourPlan {
     /// On the lattice, until the cube is held where the change begins.
-    pub before: Plan,
+    pub before: ManipulationPlan,
     /// The metamodule that makes the change, and where it stands.
     pub by: (usize, Foothold),
     /// The number of the change.
     pub change: usize,
     /// On the lattice, from where the cube lies then.
-    pub after: Plan,
+    pub after: ManipulationPlan,
 }
 
-/// Plans a task whose goal has the other colour, with one of these changes; `None` if no plan was found. The places nearest
-/// to the start of the cube are tried first.
-pub fn plan_with_change(ground: &Ground<'_>, task: &Task, changes: &[Change]) -> Option<ColourPlan> {
+/// Plans a task whose goal has the other colour, with one of these changes; `None` if no plan was found. The places
+/// nearest to the start of the cube are tried first.
+pub fn plan_with_change(
+    ground: &WalkingGround<'_>,
+    task: &Task,
+    changes: &[ColourChange],
+) -> Option<ColourPlan> {
     let scene = ground.scene();
     let (start, goal) = (*task.start.first()?, *task.goal.first()?);
     let mut places = Vec::new();
@@ -157,10 +161,10 @@ fn is_on_floor(scene: &Scene, cell: Cell) -> bool {
 }
 
 fn with_change(
-    ground: &Ground<'_>,
+    ground: &WalkingGround<'_>,
     task: &Task,
     foothold: Foothold,
-    (number, change): (usize, &Change),
+    (number, change): (usize, &ColourChange),
 ) -> Option<ColourPlan> {
     let scene = ground.scene();
     let cell = world_cell(scene.pose(foothold), change.cell);
@@ -187,13 +191,13 @@ fn with_change(
     for (step, to) in carry.path(bodies[mover].posture, change.from, passes)? {
         let degrees = crate::manipulation::walking::degrees_of(usize::from(carry.steps()[step].joint));
         let body_action = BodyAction::Move(Motion::Turn { to, degrees });
-        before.actions.push(crate::manipulation::verification::Action { mover, body_action });
+        before.actions.push(crate::manipulation::verification::MoverAction { mover, body_action });
     }
     let inverse = scene.pose(foothold).inverse();
     let near: Vec<Cell> = others.iter().map(|c| world_cell(inverse, *c)).collect();
     let kind = scene.table().kind();
     let is_clear = |cube: Cube, path: &Path| {
-        let arm = Arm::new(kind, cube, 0, Limits::NOMINAL).among(near.clone());
+        let arm = Arm::new(kind, cube, 0, LoadLimits::NOMINAL).among(near.clone());
         path.windows(2).all(|pair| is_free_between(&arm, &pair[0], &pair[1]))
     };
     if !is_clear(Cube::Held, &change.lowering) || !is_clear(Cube::At(change.cell), &change.leaving) {
@@ -208,7 +212,7 @@ fn with_change(
 }
 
 /// Returns where the metamodules stand after a plan.
-fn moved(mut bodies: Vec<Body>, plan: &Plan) -> Vec<Body> {
+fn moved(mut bodies: Vec<Body>, plan: &ManipulationPlan) -> Vec<Body> {
     for action in &plan.actions {
         match action.body_action {
             BodyAction::Move(Motion::Turn { to, .. }) => bodies[action.mover].posture = to,

@@ -1,15 +1,15 @@
 //! The assembly of a structure: the disassembly reversed, and carried out from where metamodules and elements are.
 
 use super::isolation::thesis_order;
-use super::removal::{MAX_BUNDLES, Taking, Way};
+use super::removal::{Departure, MAX_BUNDLES, Taking};
 use super::{Reason, Structure};
 use crate::manipulation::colour::colours_differ;
 use crate::manipulation::load::Peak;
 use crate::manipulation::scene::Hold;
-use crate::manipulation::transport::{Answer, Plan, Reason as TransportReason, Task, plan as search};
-use crate::manipulation::verification::{Action, BodyAction, Situation};
+use crate::manipulation::transport::{Answer, ManipulationPlan, Task, TransportReason, plan as search};
+use crate::manipulation::verification::{BodyAction, MoverAction, Situation};
 use crate::manipulation::walking::{Body, Motion};
-use crate::plan::and_or::{Disassembly, Items, Refusal, Removal, Stuck, disassemble, precedence};
+use crate::plan::and_or::{Disassembly, Items, Removal, RemovalRefusal, Stuck, disassemble, precedence};
 use metamorph_core::lattice::Cell;
 use std::collections::BTreeMap;
 
@@ -20,30 +20,30 @@ const WEIGHT: u32 = 500;
 
 /// Actions that placed one bundle.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Placed {
+pub struct PlacedBundle {
     /// The seats and pieces of the bundle.
     pub items: Items,
     /// The steps, from 0, that must be done before.
     pub after: Vec<usize>,
     /// The actions in order. Movers are numbered as in the start.
-    pub actions: Vec<Action>,
+    pub actions: Vec<MoverAction>,
     /// The number of hand-overs.
     pub hand_overs: u32,
     /// The largest torques on metamodules with a piece.
     pub peak: Peak,
 }
 
-impl Placed {
+impl PlacedBundle {
     /// Returns the number of landings and grips.
     pub fn connections(&self) -> u32 {
-        let is = |a: &&Action| {
+        let is = |a: &&MoverAction| {
             matches!(a.body_action, BodyAction::Move(Motion::Land(_)) | BodyAction::Grip { .. })
         };
         self.actions.iter().filter(is).count() as u32
     }
     /// Returns the number of steps of joints, and the sum of their angles in degrees.
     pub fn turns(&self) -> (u32, u32) {
-        let angle = |a: &Action| match a.body_action {
+        let angle = |a: &MoverAction| match a.body_action {
             BodyAction::Move(Motion::Turn { degrees, .. }) => Some(u32::from(degrees)),
             _ => None,
         };
@@ -54,9 +54,9 @@ impl Placed {
 
 /// A plan for a structure.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Assembly {
+pub struct StructurePlan {
     /// The bundles in the order in which they are placed.
-    pub bundles: Vec<Placed>,
+    pub bundles: Vec<PlacedBundle>,
     /// The number of bundles that were taken out of the search, since they could not be placed.
     pub refutations: usize,
     /// The least number of connections of any plan: one for each bond, and one for each seat at whose foot no metamodule
@@ -92,7 +92,7 @@ pub enum Failure {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum StructureAnswer {
     /// A plan.
-    Plan(Assembly),
+    Plan(StructurePlan),
     /// There is no plan.
     Infeasible(Failure),
     /// Neither a plan nor a proof was found.
@@ -114,13 +114,13 @@ pub fn plan_structure(structure: &Structure, bodies: &[Body]) -> StructureAnswer
                 return StructureAnswer::Undecided(stuck.map_or(Failure::Work, Failure::Stuck));
             }
         };
-        let order: Vec<Removal<Way>> = sequence.iter().rev().cloned().collect();
+        let order: Vec<Removal<Departure>> = sequence.iter().rev().cloned().collect();
         match carried_out(structure, &taking, bodies, &order) {
             Ok(mut bundles) => {
                 let after = precedence(&mut taking, &sequence);
                 bundles.iter_mut().zip(after).for_each(|(bundle, after)| bundle.after = after);
                 let lower = lower_bound(structure, bodies);
-                return StructureAnswer::Plan(Assembly { bundles, refutations, lower });
+                return StructureAnswer::Plan(StructurePlan { bundles, refutations, lower });
             }
             Err((at, refusal)) if refutations < MAX_REFUTATIONS => {
                 refutations += 1;
@@ -157,8 +157,8 @@ pub fn plan_as_thesis(structure: &Structure, bodies: &[Body]) -> StructureAnswer
         standing = standing.with(chain.items);
         let seat = structure.seats_in(chain.items).next().unwrap_or_default();
         let way = match structure.pieces_in(chain.items).next() {
-            Some(piece) => Way::Carry { seat, piece },
-            None => Way::Walk(seat),
+            Some(piece) => Departure::Carry { seat, piece },
+            None => Departure::Walk(seat),
         };
         steps.push(Removal { standing, bundle: chain.items, way });
     }
@@ -167,7 +167,7 @@ pub fn plan_as_thesis(structure: &Structure, bodies: &[Body]) -> StructureAnswer
             let steps = 0..bundles.len();
             bundles.iter_mut().zip(steps).for_each(|(bundle, i)| bundle.after = (0..i).collect());
             let lower = lower_bound(structure, bodies);
-            StructureAnswer::Plan(Assembly { bundles, refutations: 0, lower })
+            StructureAnswer::Plan(StructurePlan { bundles, refutations: 0, lower })
         }
         Err((at, refusal)) => {
             let failure = Failure::NotPlaced { bundle: steps[at].bundle, reason: refusal.reason };
@@ -204,11 +204,11 @@ fn carried_out(
     structure: &Structure,
     taking: &Taking<'_>,
     bodies: &[Body],
-    order: &[Removal<Way>],
-) -> Result<Vec<Placed>, (usize, Refusal<Reason>)> {
+    order: &[Removal<Departure>],
+) -> Result<Vec<PlacedBundle>, (usize, RemovalRefusal<Reason>)> {
     let pieces = structure.pieces.iter().map(|piece| piece.part.start.clone()).collect();
     let free = (0..bodies.len()).zip(bodies.iter().copied()).collect();
-    let mut at = Course { structure, taking, free, seated: BTreeMap::new(), pieces };
+    let mut at = AssemblyProgress { structure, taking, free, seated: BTreeMap::new(), pieces };
     let mut placed = Vec::new();
     for (i, step) in order.iter().enumerate() {
         placed.push(at.place(step).map_err(|refusal| (i, refusal))?);
@@ -217,7 +217,7 @@ fn carried_out(
 }
 
 /// How far an assembly is.
-struct Course<'a, 'b> {
+struct AssemblyProgress<'a, 'b> {
     structure: &'a Structure,
     taking: &'b Taking<'a>,
     /// The metamodules that are not in seats, with their numbers.
@@ -228,9 +228,9 @@ struct Course<'a, 'b> {
     pieces: Vec<Vec<Cell>>,
 }
 
-impl<'a> Course<'a, '_> {
-    fn place(&mut self, step: &Removal<Way>) -> Result<Placed, Refusal<Reason>> {
-        let mut placed = Placed {
+impl<'a> AssemblyProgress<'a, '_> {
+    fn place(&mut self, step: &Removal<Departure>) -> Result<PlacedBundle, RemovalRefusal<Reason>> {
+        let mut placed = PlacedBundle {
             items: step.bundle,
             after: Vec::new(),
             actions: Vec::new(),
@@ -238,12 +238,12 @@ impl<'a> Course<'a, '_> {
             peak: Peak::default(),
         };
         match &step.way {
-            Way::Walk(seat) => self.walk_in(*seat, step.standing, &mut placed)?,
-            Way::Carry { seat, piece } => {
+            Departure::Walk(seat) => self.walk_in(*seat, step.standing, &mut placed)?,
+            Departure::Carry { seat, piece } => {
                 let ends = vec![self.structure.seats[*seat]];
                 self.bring(*piece, ends, Some(*seat), &mut placed)?;
             }
-            Way::Taken { piece, holds } => {
+            Departure::Taken { piece, holds } => {
                 let scene = &self.structure.pieces[*piece].scene;
                 let ends = holds.iter().map(|(hold, posture)| scene.body(hold.foothold, *posture));
                 self.bring(*piece, ends.collect(), None, &mut placed)?;
@@ -266,7 +266,7 @@ impl<'a> Course<'a, '_> {
     }
 
     /// Notes what was done, in terms of the free metamodules.
-    fn note(&mut self, actions: &[Action], placed: &mut Placed) {
+    fn note(&mut self, actions: &[MoverAction], placed: &mut PlacedBundle) {
         for action in actions {
             let (number, body) = &mut self.free[action.mover];
             match action.body_action {
@@ -274,12 +274,17 @@ impl<'a> Course<'a, '_> {
                 BodyAction::Move(Motion::Land(there)) => *body = there,
                 BodyAction::Grip { .. } | BodyAction::LetGo => {}
             }
-            placed.actions.push(Action { mover: *number, body_action: action.body_action });
+            placed.actions.push(MoverAction { mover: *number, body_action: action.body_action });
         }
     }
 
     /// Brings one of the free metamodules into a seat, where it grips the pieces that it faces.
-    fn walk_in(&mut self, seat: usize, standing: Items, placed: &mut Placed) -> Result<(), Refusal<Reason>> {
+    fn walk_in(
+        &mut self,
+        seat: usize,
+        standing: Items,
+        placed: &mut PlacedBundle,
+    ) -> Result<(), RemovalRefusal<Reason>> {
         let ends = self.structure.ends(seat);
         let task = self.task(None, None);
         let ground = self.taking.ground(0);
@@ -299,7 +304,7 @@ impl<'a> Course<'a, '_> {
         let situation = Situation::new(ground, &task);
         let found = tried.iter().find_map(|(_, i, ends)| Some((*i, situation.arrived(*i, ends)?)));
         let Some((mover, after)) = found else {
-            return Err(Refusal { reason: Reason::NotFound, is_proved: false });
+            return Err(RemovalRefusal { reason: Reason::NotFound, is_proved: false });
         };
         let actions = after.actions;
         self.note(&actions, placed);
@@ -312,12 +317,14 @@ impl<'a> Course<'a, '_> {
     }
 
     /// The metamodule in a seat grips a piece at its goal, if it faces it.
-    fn grip(&self, piece: usize, seat: usize, placed: &mut Placed) {
+    fn grip(&self, piece: usize, seat: usize, placed: &mut PlacedBundle) {
         let Some((number, body)) = self.seated.get(&seat) else { return };
         let is_here =
             |(hold, posture): &(Hold, u16)| (hold.foothold, *posture) == (body.foothold, body.posture);
         if let Some((hold, posture)) = self.structure.holds(piece, seat).find(is_here) {
-            placed.actions.push(Action { mover: *number, body_action: BodyAction::Grip { grip: hold.grip } });
+            placed
+                .actions
+                .push(MoverAction { mover: *number, body_action: BodyAction::Grip { grip: hold.grip } });
             placed.peak = placed.peak.max(self.structure.pieces[piece].standing(hold, posture));
         }
     }
@@ -329,8 +336,8 @@ impl<'a> Course<'a, '_> {
         piece: usize,
         ends: Vec<[Cell; 4]>,
         seat: Option<usize>,
-        placed: &mut Placed,
-    ) -> Result<(), Refusal<Reason>> {
+        placed: &mut PlacedBundle,
+    ) -> Result<(), RemovalRefusal<Reason>> {
         let task = self.task(Some(piece), Some(ends));
         let ground = self.taking.ground(piece);
         let plan = match search(ground, &task) {
@@ -344,7 +351,7 @@ impl<'a> Course<'a, '_> {
         placed.peak = placed.peak.max(self.peak(piece, &plan));
         self.note(&plan.actions, placed);
         self.pieces[piece].clone_from(&task.goal);
-        let grips = |a: &&Action| matches!(a.body_action, BodyAction::Grip { .. });
+        let grips = |a: &&MoverAction| matches!(a.body_action, BodyAction::Grip { .. });
         let Some(last) = plan.actions.iter().rev().find(grips).map(|a| a.mover) else { return Ok(()) };
         let seats: Vec<usize> = self.seated.keys().copied().collect();
         seats.into_iter().for_each(|seat| self.grip(piece, seat, placed));
@@ -353,17 +360,18 @@ impl<'a> Course<'a, '_> {
             self.seated.insert(seat, (number, body));
             return Ok(());
         }
-        placed.actions.push(Action { mover: self.free[last].0, body_action: BodyAction::LetGo });
+        placed.actions.push(MoverAction { mover: self.free[last].0, body_action: BodyAction::LetGo });
         placed.hand_overs += 1;
         Ok(())
     }
 
-    fn refusal(&self, piece: usize, answer: &Answer) -> Refusal<Reason> {
+    fn refusal(&self, piece: usize, answer: &Answer) -> RemovalRefusal<Reason> {
         match answer {
-            Answer::Infeasible(reason) => {
-                Refusal { reason: Reason::Transport(*reason), is_proved: self.is_proof(piece, *reason) }
-            }
-            _ => Refusal { reason: Reason::NotFound, is_proved: false },
+            Answer::Infeasible(reason) => RemovalRefusal {
+                reason: Reason::Transport(*reason),
+                is_proved: self.is_proof(piece, *reason),
+            },
+            _ => RemovalRefusal { reason: Reason::NotFound, is_proved: false },
         }
     }
 
@@ -380,7 +388,7 @@ impl<'a> Course<'a, '_> {
     }
 
     /// Returns the largest torques while a piece is carried.
-    fn peak(&self, piece: usize, plan: &Plan) -> Peak {
+    fn peak(&self, piece: usize, plan: &ManipulationPlan) -> Peak {
         let of = &self.structure.pieces[piece];
         let mut postures: Vec<u16> = self.free.iter().map(|(_, body)| body.posture).collect();
         let mut holder: Option<(usize, u8)> = None;

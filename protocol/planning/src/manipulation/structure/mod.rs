@@ -15,11 +15,11 @@ mod tests;
 use super::carry::{CarryTable, held_by};
 use super::contact::ElementSweeper;
 use super::element::{Element, Grip};
-use super::load::{Limits, LoadTable, Peak, standing_peak};
+use super::load::{LoadLimits, LoadTable, Peak, standing_peak};
 use super::rest::rests;
 use super::scene::{Foothold, Hold, NO_SET, Scene, hand_overs};
 use super::terrain::{Terrain, world_cell};
-use super::transport::Reason as TransportReason;
+use super::transport::TransportReason;
 use super::walking::Body;
 use crate::plan::and_or::Items;
 use metamorph_core::lattice::{Cell, Face};
@@ -54,7 +54,7 @@ pub struct Site {
     /// The floor.
     pub floor: Terrain,
     /// The limits of torque.
-    pub limits: Limits,
+    pub limits: LoadLimits,
 }
 
 /// The grips that are examined.

@@ -9,8 +9,8 @@ use super::{Piece, Reason, Structure};
 use crate::manipulation::rest::rests;
 use crate::manipulation::scene::{Foothold, Hold, NO_SET};
 use crate::manipulation::terrain::world_cell;
-use crate::manipulation::walking::{Body, Ground, leaves};
-use crate::plan::and_or::{Items, Refusal, Removals};
+use crate::manipulation::walking::{Body, WalkingGround, leaves};
+use crate::plan::and_or::{Items, RemovalRefusal, Removals};
 use metamorph_core::lattice::Cell;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
@@ -21,7 +21,7 @@ const BESIDE: u16 = 2;
 
 /// How a bundle leaves.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Way {
+pub enum Departure {
     /// The metamodule in this seat walks away.
     Walk(usize),
     /// The metamodule in this seat carries this piece away.
@@ -44,31 +44,32 @@ pub enum Way {
 pub struct Taking<'a> {
     structure: &'a Structure,
     isolation: Isolation,
-    grounds: Vec<Ground<'a>>,
+    grounds: Vec<WalkingGround<'a>>,
     /// The cache of results, by the standing set and the bundle.
-    known: BTreeMap<(Items, Items), Result<Way, Refusal<Reason>>>,
+    known: BTreeMap<(Items, Items), Result<Departure, RemovalRefusal<Reason>>>,
 }
 
 impl<'a> Taking<'a> {
     /// Creates the disassembly of a structure.
     pub fn new(structure: &'a Structure) -> Taking<'a> {
-        let grounds = structure.pieces.iter().map(|piece| Ground::new(&piece.scene, |_| true)).collect();
+        let grounds =
+            structure.pieces.iter().map(|piece| WalkingGround::new(&piece.scene, |_| true)).collect();
         Taking { structure, isolation: Isolation::new(structure), grounds, known: BTreeMap::new() }
     }
 
     /// Returns the ground for a piece.
-    pub(super) fn ground(&self, piece: usize) -> &Ground<'a> {
+    pub(super) fn ground(&self, piece: usize) -> &WalkingGround<'a> {
         &self.grounds[piece]
     }
 
     /// Forbids to take a bundle away from what stands, since it cannot be placed there.
-    pub(super) fn refute(&mut self, standing: Items, bundle: Items, refusal: Refusal<Reason>) {
+    pub(super) fn refute(&mut self, standing: Items, bundle: Items, refusal: RemovalRefusal<Reason>) {
         self.known.insert((standing, bundle), Err(refusal));
     }
 
-    fn examine(&self, standing: Items, bundle: Items) -> Result<Way, Refusal<Reason>> {
+    fn examine(&self, standing: Items, bundle: Items) -> Result<Departure, RemovalRefusal<Reason>> {
         let (structure, rest) = (self.structure, standing.without(bundle));
-        let proved = |reason| Refusal { reason, is_proved: true };
+        let proved = |reason| RemovalRefusal { reason, is_proved: true };
         structure.stable(rest).map_err(proved)?;
         let obstacles: BTreeSet<Cell> = structure.cells_of(rest).collect();
         let (seat, piece) = (structure.seats_in(bundle).next(), structure.pieces_in(bundle).next());
@@ -77,7 +78,7 @@ impl<'a> Taking<'a> {
                 let ends = structure.ends(seat);
                 let is_out =
                     |body: &&Body| leaves(&self.grounds[0], &obstacles, **body, |f| structure.is_beside(f));
-                let way = ends.iter().find(is_out).map(|_| Way::Walk(seat));
+                let way = ends.iter().find(is_out).map(|_| Departure::Walk(seat));
                 way.ok_or(proved(Reason::NoWayOut))
             }
             (Some(seat), Some(piece)) => self.carries(seat, piece, &obstacles),
@@ -87,23 +88,28 @@ impl<'a> Taking<'a> {
     }
 
     /// Returns whether the metamodule in a seat can carry a piece away, or can hand it over on the way.
-    fn carries(&self, seat: usize, piece: usize, obstacles: &BTreeSet<Cell>) -> Result<Way, Refusal<Reason>> {
+    fn carries(
+        &self,
+        seat: usize,
+        piece: usize,
+        obstacles: &BTreeSet<Cell>,
+    ) -> Result<Departure, RemovalRefusal<Reason>> {
         let (structure, of) = (self.structure, &self.structure.pieces[piece]);
         let (mut is_held, mut is_proved) = (false, true);
         for (hold, posture) in structure.holds_within(piece, seat) {
             is_held = true;
-            match structure.way_to_rest(of, hold, posture, obstacles, &self.grounds[piece]) {
-                ToRest::Exists => return Ok(Way::Carry { seat, piece }),
+            match structure.route_to_rest(of, hold, posture, obstacles, &self.grounds[piece]) {
+                ToRest::Exists => return Ok(Departure::Carry { seat, piece }),
                 ToRest::None => {}
                 ToRest::Unknown => is_proved = false,
             }
         }
         let reason = if is_held { Reason::NoCarry } else { Reason::TooHeavy(piece) };
-        Err(Refusal { reason, is_proved })
+        Err(RemovalRefusal { reason, is_proved })
     }
 
     /// Returns whether a metamodule that is not part of the structure can take a piece away.
-    fn taken(&self, piece: usize, obstacles: &BTreeSet<Cell>) -> Result<Way, Refusal<Reason>> {
+    fn taken(&self, piece: usize, obstacles: &BTreeSet<Cell>) -> Result<Departure, RemovalRefusal<Reason>> {
         let (structure, of) = (self.structure, &self.structure.pieces[piece]);
         let around: BTreeSet<Cell> = obstacles.iter().chain(&of.part.goal).copied().collect();
         let (mut is_proved, mut seen, mut holds) = (of.is_complete, BTreeSet::new(), Vec::new());
@@ -119,27 +125,27 @@ impl<'a> Taking<'a> {
             if !seen.insert(key) || !leaves(&self.grounds[piece], &around, body, |f| structure.is_beside(f)) {
                 continue;
             }
-            match structure.way_to_rest(of, *hold, *posture, obstacles, &self.grounds[piece]) {
+            match structure.route_to_rest(of, *hold, *posture, obstacles, &self.grounds[piece]) {
                 ToRest::Exists => holds.push((*hold, *posture)),
                 ToRest::None => {}
                 ToRest::Unknown => is_proved = false,
             }
         }
         if holds.is_empty() {
-            return Err(Refusal { reason: Reason::NoCarrier, is_proved });
+            return Err(RemovalRefusal { reason: Reason::NoCarrier, is_proved });
         }
-        Ok(Way::Taken { piece, holds })
+        Ok(Departure::Taken { piece, holds })
     }
 }
 
 impl Removals for Taking<'_> {
-    type Way = Way;
+    type Departure = Departure;
     type Reason = Reason;
 
     fn bundles(&self, standing: Items) -> Vec<Items> {
         self.structure.bundles(&self.isolation, standing)
     }
-    fn remove(&mut self, standing: Items, bundle: Items) -> Result<Way, Refusal<Reason>> {
+    fn remove(&mut self, standing: Items, bundle: Items) -> Result<Departure, RemovalRefusal<Reason>> {
         if let Some(known) = self.known.get(&(standing, bundle)) {
             return known.clone();
         }
@@ -188,13 +194,13 @@ impl Structure {
         cells == piece.part.start || (!cells.iter().any(on_feet) && rests(cells, floor))
     }
 
-    fn way_to_rest(
+    fn route_to_rest(
         &self,
         piece: &Piece,
         hold: Hold,
         posture: u16,
         obstacles: &BTreeSet<Cell>,
-        ground: &Ground<'_>,
+        ground: &WalkingGround<'_>,
     ) -> ToRest {
         let scene = &piece.scene;
         let (carry, pose) = (&scene.carry()[usize::from(hold.grip)], scene.pose(hold.foothold));
@@ -223,7 +229,7 @@ impl Structure {
     }
 
     /// Returns true if hand-overs lead from a hold to one in which the piece comes to rest, without other bodies.
-    fn hands_over_to_rest(&self, piece: &Piece, from: Hold, ground: &Ground<'_>) -> bool {
+    fn hands_over_to_rest(&self, piece: &Piece, from: Hold, ground: &WalkingGround<'_>) -> bool {
         let scene = &piece.scene;
         let comes_to_rest = |hold: &Hold| {
             let sets = scene.holding(hold.foothold, hold.grip);

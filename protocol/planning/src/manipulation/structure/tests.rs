@@ -28,7 +28,7 @@ fn table(grams: u32) -> Structure {
         database: DATABASE.clone(),
         kind: Kind::Srs,
         floor: Terrain::rectangle((0, 0), (15, 12)),
-        limits: Limits::NOMINAL,
+        limits: LoadLimits::NOMINAL,
     };
     let part =
         Part { shape: "plate3x3".parse().unwrap(), grams, start: plate(4, 5, 0), goal: plate(8, 5, 4) };
@@ -82,8 +82,8 @@ fn a_table_is_planned_from_where_its_metamodules_stand() {
     let StructureAnswer::Plan(plan) = plan_structure(&structure, &at) else { panic!("there is a plan") };
     assert_eq!(plan.bundles.len(), 4);
     assert!(plan.bundles[0].items.has(4) && plan.bundles[0].items.len() == 2);
-    assert!(plan.bundles.iter().all(|b| b.peak.within(Limits::NOMINAL)));
-    let before = |(i, b): (usize, &assembly::Placed)| b.after.iter().all(|j| *j < i);
+    assert!(plan.bundles.iter().all(|b| b.peak.within(LoadLimits::NOMINAL)));
+    let before = |(i, b): (usize, &assembly::PlacedBundle)| b.after.iter().all(|j| *j < i);
     assert!(plan.bundles.iter().enumerate().all(before), "{plan:?}");
     let connections: u32 = plan.bundles.iter().map(|b| b.connections()).sum();
     assert!((8..60).contains(&connections) && plan.lower == 8, "{connections} {}", plan.lower);

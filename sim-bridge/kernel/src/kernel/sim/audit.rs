@@ -56,14 +56,14 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         let (agents, mut found) = (Agents::of(&self.modules), Vec::new());
         self.world.audit_all(self.now, &agents, &mut found);
         found.extend(self.world.take_violations());
-        if let Err(what) = invariants::messages_balance(&self.tally, &self.under_way()) {
+        if let Err(what) = invariants::messages_balance(&self.tally, &self.in_flight()) {
             found.push(Violation { invariant: MESSAGES_BALANCE, at: self.now, what });
         }
         found.into_iter().for_each(|v| self.findings.note(v));
     }
 
     /// Returns the number of messages of each class that are under way, or unread at a stopped module.
-    fn under_way(&self) -> invariants::PerClass {
+    fn in_flight(&self) -> invariants::PerClass {
         let mut of = invariants::PerClass::default();
         self.parcels.iter().for_each(|(_, parcel)| of[parcel.class.index()] += 1);
         for waiting in self.backlogs.values().flat_map(|b| &b.waiting) {

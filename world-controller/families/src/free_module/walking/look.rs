@@ -3,9 +3,11 @@
 //! Bodies tell their poses ten times a second; between two of them parts move evenly.
 
 use crate::visible::Visible;
-use metamorph_protocol::free_module::gait::body::{Place, Pose, Status, Task, UNIT};
-use metamorph_protocol::free_module::gait::message::{Follow, Message, Order};
-use metamorph_protocol::free_module::gait::{FreeModule, Setup};
+use metamorph_protocol::free_module::gait::body::{
+    BodyPlace, BodyPose, JointTask, QUATERNION_SCALE, WalkStatus,
+};
+use metamorph_protocol::free_module::gait::message::{Follow, WalkMessage, WalkOrder};
+use metamorph_protocol::free_module::gait::{FreeModule, WalkSetup};
 use metamorph_protocol::free_module::network::Role as Articulation;
 use metamorph_protocol::free_module::oscillator::Angle;
 use metamorph_protocol::lattice::Cell;
@@ -24,8 +26,8 @@ const CELL: f64 = CELL_METRES * 1e6;
 const CUBES: usize = 2;
 
 /// Returns the parts of a body.
-fn parts(pose: &Pose) -> Vec<Part> {
-    let [x, y, z, w] = pose.rotation.map(|q| f64::from(q) / f64::from(UNIT));
+fn parts(pose: &BodyPose) -> Vec<Part> {
+    let [x, y, z, w] = pose.rotation.map(|q| f64::from(q) / f64::from(QUATERNION_SCALE));
     let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)).to_rotation_matrix();
     let origin = Vector3::from(pose.position.map(|x| f64::from(x) / CELL));
     let angles = pose.angles.map(|a| f64::from(a.0) / f64::from(Angle::RADIAN.0));
@@ -93,54 +95,57 @@ impl Visible for FreeModule {
         scale_among_messages: None,
     };
 
-    fn stage(_: &Setup) -> Stage {
+    fn stage(_: &WalkSetup) -> Stage {
         // The floor has no end, and views show all of a floor.
         Stage { time_step: Span::secs(1), goals: vec![Vec::new()], targets: Targets::Cells, floor: None }
     }
-    fn at_rest(_: &Setup, place: &Place) -> Vec<Part> {
+    fn at_rest(_: &WalkSetup, place: &BodyPlace) -> Vec<Part> {
         parts(&place.pose)
     }
     /// Commands are followed with a delay, so only poses that bodies tell are drawn.
-    fn motion(_: &Setup, _: &Place, _: &Follow) -> Option<(Motion, Place)> {
+    fn motion(_: &WalkSetup, _: &BodyPlace, _: &Follow) -> Option<(Motion, BodyPlace)> {
         None
     }
-    fn carried(_: &Setup, place: &Place, percept: &Pose) -> Option<(Motion, Place)> {
-        let to = Place { pose: *percept, ..*place };
+    fn carried(_: &WalkSetup, place: &BodyPlace, percept: &BodyPose) -> Option<(Motion, BodyPlace)> {
+        let to = BodyPlace { pose: *percept, ..*place };
         Some((motion(&parts(&place.pose), &parts(percept)), to))
     }
-    fn cell(place: &Place) -> Cell {
+    fn cell(place: &BodyPlace) -> Cell {
         let [x, y, z] = place.pose.position.map(|x| f64::from(x) / CELL);
         Cell::new(x.round() as i16, y.round() as i16, z.floor() as i16)
     }
-    fn whereabouts(place: &Place) -> String {
+    fn whereabouts(place: &BodyPlace) -> String {
         let [x, y, _] = place.pose.position.map(|x| f64::from(x) / 1000.0);
         format!("{x:.0} mm, {y:.0} mm")
     }
-    fn fate(_: &Pose) -> ActionOutcome {
+    fn fate(_: &BodyPose) -> ActionOutcome {
         ActionOutcome::Carried
     }
-    fn standing(status: &Status) -> ModuleView {
-        let has = |of: fn(Task) -> bool| status.tasks.iter().any(|task| of(*task));
+    fn standing(status: &WalkStatus) -> ModuleView {
+        let has = |of: fn(JointTask) -> bool| status.tasks.iter().any(|task| of(*task));
         let role = if has(|t| {
-            matches!(t, Task::Oscillates | Task::Articulation(Articulation::Spine | Articulation::Hip))
+            matches!(
+                t,
+                JointTask::Oscillates | JointTask::Articulation(Articulation::Spine | Articulation::Hip)
+            )
         }) {
             1
         } else {
-            u8::from(has(|t| t != Task::Locked)) * 2
+            u8::from(has(|t| t != JointTask::Locked)) * 2
         };
         ModuleView { role, flags: 0, place: -1, waits_for: None }
     }
-    fn said(message: &Message) -> MessageLabel {
+    fn said(message: &WalkMessage) -> MessageLabel {
         MessageLabel::of(match message {
-            Message::LinkState(_) => "what a module is docked to",
-            Message::Known { .. } => "what is known of the structure",
-            Message::Phases { .. } => "phases",
+            WalkMessage::LinkState(_) => "what a module is docked to",
+            WalkMessage::Known { .. } => "what is known of the structure",
+            WalkMessage::Phases { .. } => "phases",
         })
     }
     fn moves(_: Option<u32>) -> u16 {
         FAR
     }
-    fn goal(_: &Order) -> Option<GoalView> {
+    fn goal(_: &WalkOrder) -> Option<GoalView> {
         None
     }
 }
@@ -163,7 +168,7 @@ mod tests {
         let structure = named::structure("quad5-unsym").unwrap();
         let bodies = Bodies::new(&structure, &[[0.0; 3]; 5], Down::DEFAULT, 0.8).unwrap();
         let start = PhysicsWorld::new(structure.clone(), bodies);
-        let before: Vec<Place> = (0..5).map(|m| start.place(ModuleId(m))).collect();
+        let before: Vec<BodyPlace> = (0..5).map(|m| start.place(ModuleId(m))).collect();
         let mut bodies = Bodies::new(&structure, &[[0.0; 3]; 5], Down::DEFAULT, 0.8).unwrap();
         (0..15).for_each(|j| bodies.set_target(Joint(j), 0.1 * f32::from(j) - 0.6));
         (0..100).for_each(|_| bodies.step());
@@ -182,7 +187,7 @@ mod tests {
                 let plates = rotation * Vector3::repeat(sign);
                 assert!((part.pose.rotation * Vector3::repeat(1.0) - plates).norm() < 1e-3, "{m} {h}");
             }
-            let setup = Setup::new(metamorph_protocol::free_module::network::NetworkKind::Fo);
+            let setup = WalkSetup::new(metamorph_protocol::free_module::network::NetworkKind::Fo);
             let (motion, to) = FreeModule::carried(&setup, before, &place.pose).unwrap();
             let mut moved = FreeModule::at_rest(&setup, before);
             motion.carry(&mut moved, 1.0);

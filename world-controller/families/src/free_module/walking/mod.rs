@@ -14,8 +14,8 @@ use crate::generated::{Dice, GeneratedSwarm};
 use crate::{ExploredFamily, FamilyParts};
 use metamorph_free_modules::gait::tuner::Choice;
 use metamorph_protocol::defects::Defect;
-use metamorph_protocol::free_module::gait::Setup;
-use metamorph_protocol::free_module::gait::body::Place;
+use metamorph_protocol::free_module::gait::WalkSetup;
+use metamorph_protocol::free_module::gait::body::BodyPlace;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::Span;
 use metamorph_scenario::Plan;
@@ -83,7 +83,7 @@ impl ExploredFamily for WalkingFamily {
 impl FamilyParts for WalkingFamily {
     type Swarm = Walk;
 
-    fn places(&self, swarm: &Walk) -> Vec<Place> {
+    fn places(&self, swarm: &Walk) -> Vec<BodyPlace> {
         let world = swarm.bodies().expect("invariant: bodies were made when the scenario was read");
         (0..world.len() as u32).map(|id| world.place(ModuleId(id))).collect()
     }
@@ -109,7 +109,7 @@ pub struct Walk {
     /// Goal of the walk.
     pub goal: Goal,
     /// Constant parameters that all agents share.
-    pub setup: Arc<Setup>,
+    pub setup: Arc<WalkSetup>,
 }
 
 impl Walk {

@@ -4,7 +4,7 @@ use super::Walk;
 use super::report::{self, SituationReport, WalkReport};
 use crate::runnable::{Runnable, stage};
 use metamorph_free_modules::gait::tuner::OnlineTuner;
-use metamorph_protocol::free_module::gait::Setup;
+use metamorph_protocol::free_module::gait::WalkSetup;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_report::run_result::RunResult;
 use metamorph_report::schema::MoveReport;
@@ -13,7 +13,7 @@ use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::free_module::physics::{Physics, TICK};
 use metamorph_sim_bridge::free_module::physics_world::PhysicsWorld;
 use metamorph_sim_bridge::free_module::rapier::{Bodies, ENGINE};
-use metamorph_sim_bridge::free_module::walking::director::{Course, Situation, WalkDirector};
+use metamorph_sim_bridge::free_module::walking::director::{Situation, WalkDirector, WalkingRun};
 use metamorph_sim_bridge::kernel::audited::Audited;
 use metamorph_sim_bridge::world::invariants::Violation;
 use std::sync::Arc;
@@ -45,14 +45,14 @@ impl Runnable for Walk {
     type World = World;
     type Director = WalkDirector;
 
-    fn setup(&self) -> &Arc<Setup> {
+    fn setup(&self) -> &Arc<WalkSetup> {
         &self.setup
     }
     fn world(&self, _: &Plan) -> World {
         self.bodies().expect("invariant: bodies were made when the scenario was read")
     }
     fn director(&self, plan: &Plan) -> WalkDirector {
-        let course = Course {
+        let course = WalkingRun {
             goal: self.goal,
             tuner: Box::new(OnlineTuner::new(Arc::clone(&self.choice))),
             trial: self.trial,
@@ -72,7 +72,7 @@ impl Runnable for Walk {
     }
     fn account(&self, plan: &Plan, director: &WalkDirector, world: &World) -> RunResult {
         let (crashed, restarted) = director.monitor().crashed_and_restarted();
-        let (time, distance_mm, path_mm) = director.way();
+        let (time, distance_mm, path_mm) = director.walked();
         let report = WalkReport {
             body: super::BODY.to_owned(),
             engine: ENGINE.to_owned(),

@@ -10,7 +10,7 @@ use metamorph_free_modules::gait::space::Space;
 use metamorph_free_modules::gait::tuner::{Choice, Known};
 use metamorph_free_modules::plan::connected::{Connected, connected};
 use metamorph_free_modules::plan::input::read_structure_file;
-use metamorph_protocol::free_module::gait::Setup;
+use metamorph_protocol::free_module::gait::WalkSetup;
 use metamorph_protocol::free_module::named;
 use metamorph_protocol::free_module::network::NetworkKind;
 use metamorph_protocol::ids::ModuleId;
@@ -242,7 +242,7 @@ impl RawWalk {
             choice: Arc::new(choice),
             trial: self.trial,
             goal: self.goal?,
-            setup: Arc::new(Setup::new(self.network)),
+            setup: Arc::new(WalkSetup::new(self.network)),
         };
         let bodies = walk.bodies().map_err(WalkError::Bodies);
         diagnostics.note(&start.place, bodies)?;

@@ -2,8 +2,8 @@
 
 use crate::worded::{Worded, at};
 use metamorph_protocol::free_module::gait::FreeModule;
-use metamorph_protocol::free_module::gait::body::{Place, Pose, Status, Task};
-use metamorph_protocol::free_module::gait::message::{Follow, Order};
+use metamorph_protocol::free_module::gait::body::{BodyPlace, BodyPose, JointTask, WalkStatus};
+use metamorph_protocol::free_module::gait::message::{Follow, WalkOrder};
 use metamorph_protocol::free_module::oscillator::Angle;
 use metamorph_protocol::free_module::structure::JOINTS;
 use std::fmt::Write;
@@ -15,27 +15,27 @@ fn degrees(angles: &[Angle; JOINTS as usize]) -> String {
     format!("{a:.1}°, {b:.1}°, {c:.1}°")
 }
 
-fn pose(pose: &Pose) -> String {
+fn pose(pose: &BodyPose) -> String {
     let [x, y, z] = pose.position.map(|x| f64::from(x) / 1000.0);
     format!("({x:.1}, {y:.1}, {z:.1}) mm, joints at {}", degrees(&pose.angles))
 }
 
 impl Worded for FreeModule {
-    fn place(place: &Place) -> String {
+    fn place(place: &BodyPlace) -> String {
         pose(&place.pose)
     }
     fn action(follow: &Follow) -> String {
         format!("follow {} until {}", degrees(&follow.angles), at(follow.not_after).trim_start())
     }
-    fn percept(percept: &Pose) -> String {
+    fn percept(percept: &BodyPose) -> String {
         format!("is at {}", pose(percept))
     }
-    fn order(order: &Order) -> String {
+    fn order(order: &WalkOrder) -> String {
         match order {
-            Order::Dead { module, incarnation } => {
+            WalkOrder::Dead { module, incarnation } => {
                 format!("incarnation {incarnation} of module {module} is dead")
             }
-            Order::Gait(gait) => {
+            WalkOrder::Gait(gait) => {
                 let mut text = format!("gait {} from {} on", gait.epoch, at(gait.start).trim_start());
                 for (j, joint) in gait.joints.iter().enumerate() {
                     let Some(p) = joint else { continue };
@@ -54,8 +54,8 @@ impl Worded for FreeModule {
             }
         }
     }
-    fn report(status: &Status) -> String {
-        let tasks = status.tasks.map(Task::name).join(", ");
+    fn report(status: &WalkStatus) -> String {
+        let tasks = status.tasks.map(JointTask::name).join(", ");
         format!("its joints are {tasks} in the structure {:016x}", status.known)
     }
 }

@@ -1,11 +1,11 @@
 //! The answer of `metamorph plan SCENARIO` as JSON.
 
 use super::Planned;
-use metamorph_protocol::manipulation::structure::assembly::{Assembly, Failure, StructureAnswer};
+use metamorph_protocol::manipulation::structure::assembly::{Failure, StructureAnswer, StructurePlan};
 use metamorph_protocol::manipulation::structure::isolation::{CELL, Rank};
 use metamorph_protocol::manipulation::structure::{Reason, Structure};
 use metamorph_protocol::metamodule::blueprint::Task;
-use metamorph_protocol::plan::and_or::{Items, Refusal};
+use metamorph_protocol::plan::and_or::{Items, RemovalRefusal};
 use serde::Serialize;
 
 /// Whether there is a plan.
@@ -193,8 +193,8 @@ fn newton_metres(torque: u32) -> f64 {
     f64::from(torque) / 1e6
 }
 
-fn bundles(assembly: &Assembly, names: &Names<'_>) -> Vec<BundleEntry> {
-    let entry = |placed: &metamorph_protocol::manipulation::structure::assembly::Placed| {
+fn bundles(assembly: &StructurePlan, names: &Names<'_>) -> Vec<BundleEntry> {
+    let entry = |placed: &metamorph_protocol::manipulation::structure::assembly::PlacedBundle| {
         let mut metamodules: Vec<usize> = Vec::new();
         for action in &placed.actions {
             if !metamodules.contains(&action.mover) {
@@ -217,7 +217,7 @@ fn bundles(assembly: &Assembly, names: &Names<'_>) -> Vec<BundleEntry> {
     assembly.bundles.iter().map(entry).collect()
 }
 
-fn totals(assembly: &Assembly, bundles: &[BundleEntry]) -> Totals {
+fn totals(assembly: &StructurePlan, bundles: &[BundleEntry]) -> Totals {
     let sum = |of: fn(&BundleEntry) -> u32| bundles.iter().map(of).sum();
     let most = |of: fn(&BundleEntry) -> f64| bundles.iter().map(of).fold(0.0, f64::max);
     Totals {
@@ -252,7 +252,7 @@ fn failure_entry(failure: &Failure, names: &Names<'_>) -> FailureEntry {
             entry("unstable", format!("the finished structure does not stand: {}", names.reason(*reason)))
         }
         Failure::Stuck(stuck) => {
-            let refusal = |(items, refusal): &(Items, Refusal<Reason>)| RefusalEntry {
+            let refusal = |(items, refusal): &(Items, RemovalRefusal<Reason>)| RefusalEntry {
                 items: names.items(*items),
                 reason: names.reason(refusal.reason),
                 proved: refusal.is_proved,

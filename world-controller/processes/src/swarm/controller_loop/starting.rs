@@ -8,7 +8,7 @@ use crate::swarm::process::{ControlMessage, Stage};
 use crate::swarm::resume::write_run;
 use crate::swarm::run_dir::RunDirError;
 use metamorph_module_agent::process::runtime_message::RuntimeMessage;
-use metamorph_module_agent::run_dir::controller_lease::mark_resumable;
+use metamorph_module_agent::run_dir::controller_lease::make_resumable;
 use metamorph_module_agent::transport::AgentKey;
 use metamorph_protocol::ids::Incarnation;
 use metamorph_protocol::time::Time;
@@ -85,7 +85,7 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         {
             let root = dir.root();
             write_run(&parts.dir, root, self.epoch)
-                .and_then(|()| mark_resumable(root))
+                .and_then(|()| make_resumable(root))
                 .map_err(|e| RunDirError::Create(parts.dir.clone(), e))?;
         }
         for i in 0..self.processes.len() {

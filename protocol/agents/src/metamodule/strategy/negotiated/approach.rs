@@ -101,7 +101,7 @@ impl Negotiated {
         };
         let planned = fingerprint(&scene.planned(claim.seed));
         let fits = self.claims.planned_in == planned;
-        if fits && let Some(plan) = self.next_leg(scene, &scene.taken, Some(corridor), claim, may) {
+        if fits && let Some(plan) = self.next_segment(scene, &scene.taken, Some(corridor), claim, may) {
             return Some(plan);
         }
         if !enter {
@@ -116,7 +116,7 @@ impl Negotiated {
         let bodies = scene.bodies();
         let (patient, around) = (waited <= retry, fingerprint(&bodies));
         // A metamodule that has been granted a way will be through it soon.
-        let is_open = || self.next_leg(scene, &bodies, None, claim, Permission::ALL).is_some();
+        let is_open = || self.next_segment(scene, &bodies, None, claim, Permission::ALL).is_some();
         if fits && (self.claims.searched_in == (around, patient) || (patient && is_open())) {
             return None;
         }
@@ -126,12 +126,12 @@ impl Negotiated {
         };
         self.route = route;
         (self.claims.searched_in, self.claims.planned_in) = ((around, patient), planned);
-        self.next_leg(scene, &scene.taken, Some(corridor), claim, may)
+        self.next_segment(scene, &scene.taken, Some(corridor), claim, may)
     }
 
     /// Returns the next motion of the route over free ground, if this metamodule may make it. A landing in `corridor`,
     /// the paths of more important metamodules, is not allowed.
-    fn next_leg(
+    fn next_segment(
         &self,
         scene: &Scene<'_>,
         taken: &[Cell],

@@ -19,9 +19,9 @@ const LATER: i64 = 1 << 20;
 const UNREACHABLE: i64 = 1 << 30;
 /// The number of moves assumed where there is no route; there may be one by the time the seed opens.
 const FAR: i64 = 1 << 10;
-/// Seeds of a goal up to which later ones are shared out together with the open ones. Every seed costs a search over the
-/// whole floor.
-const SHARED: usize = 32;
+/// Largest number of seeds of a goal of which all unfilled ones are shared out; of larger goals only the open ones are.
+/// Every seed costs a search over the whole floor.
+const SHARED_SEEDS_MAX: usize = 32;
 /// How long a seed counts as unreachable if the fixed cells do not change, in multiples of `patience`.
 const UNREACHABLE_FOR: u64 = 4;
 
@@ -137,7 +137,7 @@ impl Claims {
     }
 
     /// Notes that there is no way to a seed.
-    pub fn mark_unreachable(&mut self, scene: &Scene<'_>, seed: u8) {
+    pub fn set_unreachable(&mut self, scene: &Scene<'_>, seed: u8) {
         hit(CoveragePoint::MetaUnreachable);
         self.unreachable = self.unreachable.with(seed);
         self.unreachable_in = fingerprint(&scene.fixed);
@@ -189,7 +189,7 @@ impl Claims {
         walkers.sort_by_key(|w| w.0);
         let poses: Vec<Pose> = walkers.iter().map(|w| w.1).collect();
         let left = scene.v.goal().all().without(own.filled).without(claimed);
-        let shared = if scene.v.goal().seeds().len() > SHARED { open } else { left };
+        let shared = if scene.v.goal().seeds().len() > SHARED_SEEDS_MAX { open } else { left };
         let seeds: Vec<u8> = shared.iter().collect();
         let steps: Vec<Vec<i64>> = seeds.iter().map(|s| steps(scene, &poses, *s)).collect();
         let cost = |walker: usize, place: usize| {

@@ -79,7 +79,7 @@ impl Negotiated {
         coordinator.digest(hasher);
     }
     /// The way that the neighbour on a port has announced.
-    pub fn way_of(&self, port: Port) -> Option<&Path> {
+    pub fn path_of(&self, port: Port) -> Option<&Path> {
         self.paths.get(&port)
     }
     pub fn advertised(&self) -> Advertised {
@@ -119,7 +119,7 @@ impl Negotiated {
         }
         let need = Need::find(&scene, &corridor, claim);
         if let Some(need) = need {
-            if let Some(plan) = self.make_way(cx, &scene, need, claim.is_some()) {
+            if let Some(plan) = self.step_aside(cx, &scene, need, claim.is_some()) {
                 return Decision::Ask(plan);
             }
         } else {
@@ -167,7 +167,7 @@ impl Negotiated {
                     self.route = route;
                     *cx.waiting_since = cx.v.now;
                 }
-                None => self.claims.mark_unreachable(scene, seed),
+                None => self.claims.set_unreachable(scene, seed),
             }
             self.tell(cx);
         }
@@ -177,7 +177,7 @@ impl Negotiated {
     fn give_up(&mut self, cx: &mut Context<'_>, scene: &Scene<'_>, claim: Claim) {
         hit(CoveragePoint::MetaGaveUpSeed);
         self.drop_claim();
-        self.claims.mark_unreachable(scene, claim.seed);
+        self.claims.set_unreachable(scene, claim.seed);
         self.tell(cx);
     }
 
@@ -244,7 +244,7 @@ impl Negotiated {
         }
         self.coordinator.repeat(cx);
     }
-    pub fn hear_way(&mut self, v: View<'_>, port: Port, path: Path) -> bool {
+    pub fn hear_path(&mut self, v: View<'_>, port: Port, path: Path) -> bool {
         let is_later = self.paths.get(&port).is_none_or(|w| w.sequence < path.sequence);
         let is_news = v.neighbours.get(port).is_some() && is_later;
         if is_news {

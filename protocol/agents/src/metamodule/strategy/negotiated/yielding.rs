@@ -106,8 +106,8 @@ impl Need {
 
 impl Negotiated {
     /// Looks for a route elsewhere and announces it. Returns its first motion, if that is free. As long as there is no
-    /// such motion, the route to a claimed seed is kept; after one, it is searched anew.
-    pub(super) fn make_way(
+    /// such motion, the route to a claimed seed is kept; after one, it is searched again.
+    pub(super) fn step_aside(
         &mut self,
         cx: &mut Context<'_>,
         scene: &Scene<'_>,
@@ -115,7 +115,7 @@ impl Negotiated {
         has_claim: bool,
     ) -> Option<Plan> {
         let kept = std::mem::take(&mut self.route);
-        let plan = self.find_way_aside(scene, need.rank);
+        let plan = self.set_route_aside(scene, need.rank);
         if plan.is_none() && need.in_way && self.route.is_over() {
             self.yielding.block(scene);
             self.tell(cx);
@@ -132,7 +132,7 @@ impl Negotiated {
     }
 
     /// Sets the route to the one found by `route_aside`, if there is one. Returns its first motion, if that is free.
-    fn find_way_aside(&mut self, scene: &Scene<'_>, rank: Rank) -> Option<Plan> {
+    fn set_route_aside(&mut self, scene: &Scene<'_>, rank: Rank) -> Option<Plan> {
         let (v, pose) = (scene.v, scene.v.own.pose);
         let route = route_aside(scene, rank)?;
         let plan = route.next().and_then(|(posture, lands)| {

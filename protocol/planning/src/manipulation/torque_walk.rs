@@ -1,6 +1,6 @@
 //! The torque experiment of thesis 5.1.4: a metamodule walks across a floor under limits of torque.
 //!
-//! A stride is a path of single steps from one landing to the next. Fewest strides come first, then the least joint
+//! A move is a path of single steps from one landing to the next. Fewest moves come first, then the least joint
 //! travel, the sum of |Δq|.
 
 use crate::plan::search::{Method, Search};
@@ -50,34 +50,35 @@ impl Estimate {
 
 /// Steps and landings that a metamodule can reach within limits.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Strides {
+pub struct MoveGraph {
     /// The number of postures within the limits.
     pub postures: usize,
     /// The number of strict steps all of whose samples are within the limits.
     pub steps: usize,
     /// The states of landings with a posture within the limits.
     pub landings: BTreeSet<GridState>,
-    /// From each posture at the beginning of a stride: the end posture, its landing, and the least travel in units of 30°.
+    /// From each posture at the beginning of a move: the end posture, its landing, and the least travel in units of
+    /// 30°.
     from: BTreeMap<u16, Vec<(u16, GridState, Cost)>>,
 }
 
 /// A path across the floor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Walk {
-    /// The number of strides.
+    /// The number of moves.
     pub moves: u32,
     /// The joint travel in degrees.
     pub degrees: u32,
 }
 
-/// Degrees of a unit of travel: the greatest common divisor of both kinds of steps.
+/// A unit of travel in degrees: the greatest common divisor of both kinds of steps.
 const UNIT: u32 = 30;
-/// The cost of a stride, in units of travel: more than the travel of any path that is looked for.
-const STRIDE: Cost = 1000;
+/// The cost of a move, in units of travel: more than the travel of any path that is looked for.
+const MOVE_COST: Cost = 1000;
 
-impl Strides {
-    /// Finds the strides of a kind within limits.
-    pub fn new(table: &Table, estimate: Estimate, limits: Limits) -> Strides {
+impl MoveGraph {
+    /// Finds the moves of a kind within limits.
+    pub fn new(table: &Table, estimate: Estimate, limits: Limits) -> MoveGraph {
         let within = |q: &[f64]| {
             let all = torques(table.kind(), q, &Load::floor());
             let all = all.expect("invariant: a posture of the table has all joints and finite angles");
@@ -103,7 +104,7 @@ impl Strides {
                 steps_at[to].push((step.from, units));
             }
         }
-        let mut strides = Strides {
+        let mut moves = MoveGraph {
             postures: stands.iter().filter(|s| **s).count(),
             steps,
             landings: table
@@ -114,11 +115,11 @@ impl Strides {
                 .collect(),
             from: BTreeMap::new(),
         };
-        strides.connect(table, &stands, &steps_at);
-        strides
+        moves.connect(table, &stands, &steps_at);
+        moves
     }
 
-    /// Finds the least travel between every two postures at the ends of strides.
+    /// Finds the least travel between every two postures at the ends of moves.
     fn connect(&mut self, table: &Table, stands: &[bool], steps_at: &[Vec<(u16, Cost)>]) {
         let upright = table.find(Posture::zero(table.kind()));
         let reversed = |p: u16| table.reversed(p).filter(|r| stands[usize::from(*r)]);
@@ -135,16 +136,16 @@ impl Strides {
         }
     }
 
-    /// Finds the path of the fewest strides, and of these the one of the least travel, from the upright posture at
+    /// Finds the path of the fewest moves, and of these the one of the least travel, from the upright posture at
     /// `from` to a landing in state `to`, on a floor of this size; `None` if there is none.
     pub fn walk(&self, table: &Table, from: GridState, to: GridState, size: (i16, i16)) -> Option<Walk> {
         let upright = table.find(Posture::zero(table.kind()))?;
         let limits = SearchLimits { memory: 256 << 20, work: u64::MAX };
         let mut search =
-            Search::new(Floor { strides: self, to, size }, &(from, upright), limits, Method::astar());
+            Search::new(Floor { moves: self, to, size }, &(from, upright), limits, Method::astar());
         match search.advance(u64::MAX) {
             Step::Done(Outcome::Solved { path, .. }) => {
-                Some(Walk { moves: path.cost / STRIDE, degrees: path.cost % STRIDE * UNIT })
+                Some(Walk { moves: path.cost / MOVE_COST, degrees: path.cost % MOVE_COST * UNIT })
             }
             _ => None,
         }
@@ -170,9 +171,9 @@ fn least_travel(start: u16, steps_at: &[Vec<(u16, Cost)>]) -> Vec<Option<Cost>> 
     travel
 }
 
-/// The strides on a floor.
+/// The moves on a floor.
 struct Floor<'a> {
-    strides: &'a Strides,
+    moves: &'a MoveGraph,
     to: GridState,
     size: (i16, i16),
 }
@@ -195,17 +196,17 @@ impl Space for Floor<'_> {
         (GridState::new(number(0), number(2), key[4]), u16::from_be_bytes([key[5], key[6]]))
     }
     fn expand(&self, (foot, posture): &Self::State, visit: &mut impl FnMut((), Cost, &Self::State)) {
-        for (next, landing, travel) in self.strides.from.get(posture).into_iter().flatten() {
+        for (next, landing, travel) in self.moves.from.get(posture).into_iter().flatten() {
             let to = foot.then(*landing);
             if (0..self.size.0).contains(&to.x) && (0..self.size.1).contains(&to.y) {
-                visit((), STRIDE + travel, &(to, *next));
+                visit((), MOVE_COST + travel, &(to, *next));
             }
         }
     }
-    /// A stride is at most three connectors long.
+    /// A move is at most three connectors long.
     fn lower(&self, (foot, _): &Self::State) -> Option<Cost> {
         let distance = foot.x.abs_diff(self.to.x) + foot.y.abs_diff(self.to.y);
-        Some(if *foot == self.to { 0 } else { Cost::from(distance.div_ceil(3)).max(1) * STRIDE })
+        Some(if *foot == self.to { 0 } else { Cost::from(distance.div_ceil(3)).max(1) * MOVE_COST })
     }
     fn is_goal(&self, (foot, _): &Self::State) -> bool {
         *foot == self.to
