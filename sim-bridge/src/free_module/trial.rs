@@ -53,7 +53,7 @@ pub struct TrialSetup {
 pub struct TrialOutcome {
     /// The displacement of the centre of mass in the plane, or in the direction that counts, in mm.
     pub distance_mm: f64,
-    /// The time walked in seconds: less than that of the course if the trial ended early.
+    /// The time walked in seconds: less than that of the setup if the trial ended early.
     pub seconds: f64,
     /// True if two modules met; the trial ends there.
     pub collided: bool,

@@ -55,7 +55,7 @@ pub use rules::refused_at;
 /// The number of the scripted operator of a run, which is that of the first person at a page.
 const SCRIPTED: u16 = 1;
 
-/// The course of a run.
+/// Parameters of a run.
 #[derive(Clone, Debug)]
 pub struct MetamodulePlan {
     /// The faults and their times.

@@ -23,7 +23,7 @@ use std::sync::Arc;
 
 pub use super::plan_execution::{PLANNING_RATE, ReconfigurationCounts};
 
-/// The course of a run.
+/// Parameters of a run.
 #[derive(Clone, Debug)]
 pub struct ReconfigurationRun {
     /// How plans are made.

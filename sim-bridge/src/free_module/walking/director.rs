@@ -39,7 +39,7 @@ const COLLIDED: f64 = 0.001;
 /// The speed in mm/s below which a structure stays where it is.
 const STANDING: f64 = 1.0;
 
-/// The course of a run.
+/// Parameters of a run.
 pub struct WalkingRun {
     /// The goal.
     pub goal: Goal,

@@ -153,7 +153,7 @@ pub struct Path {
 }
 
 impl Path {
-    /// The legs.
+    /// The segments.
     pub fn segments(&self) -> &[Segment] {
         &self.segments[..usize::from(self.count).min(LEGS)]
     }
