@@ -480,15 +480,11 @@ const CIRCLE_MAX: usize = 4;
 const CIRCLES: &[(&str, usize)] = &[
     ("swarm", 20),
     ("scenario", 18),
-    ("metamodule", 17),
-    ("cube", 12),
     ("bench", 7),
     ("studio", 7),
     ("python", 7),
     ("gait", 6),
-    ("metamodule", 6),
     ("reproduce", 6),
-    ("sweep", 6),
 ];
 
 /// Returns the circles of too many files in a crate, each by the name of the innermost folder that has all its files, which is

@@ -9,17 +9,12 @@ use std::process::Command;
 /// The crates that a protocol is built with.
 const CRATES: [&str; 4] =
     ["metamorph-protocol", "metamorph-sim-bridge", "metamorph-module-agent", "metamorph-world-controller"];
-/// The crates that these are made of. In a clone their paths are known; packed, they have to be named, too.
-const PARTS: [&str; 8] = [
-    "metamorph-agents",
-    "metamorph-central-planning",
-    "metamorph-core",
-    "metamorph-cube",
-    "metamorph-host-link",
-    "metamorph-pairing",
-    "metamorph-planning",
-    "metamorph-roombots",
-];
+/// Returns the crates that these are made of. In a clone their paths are known; packed, they have to be named, too.
+fn parts() -> Vec<String> {
+    let manifest = fs::read_to_string(root().join("Cargo.toml")).unwrap();
+    let ours = manifest.lines().filter_map(|line| line.split_once(" = { path = \"").map(|(name, _)| name));
+    ours.filter(|name| !CRATES.contains(name)).map(str::to_owned).collect()
+}
 
 fn cargo(directory: &Path, args: &[&str]) -> Ran {
     let mut cargo = Command::new(env!("CARGO"));
@@ -32,18 +27,19 @@ fn cargo(directory: &Path, args: &[&str]) -> Ran {
 }
 
 /// Packs the crates and unpacks them as a registry would hand them out. Returns the directory of each.
-fn packed(directory: &Path) -> Vec<(&'static str, PathBuf)> {
+fn packed(directory: &Path) -> Vec<(String, PathBuf)> {
     let target = directory.join("target");
     let target = target.to_str().unwrap();
     let mut args = vec!["package", "--quiet", "--no-verify", "--allow-dirty", "--target-dir", target];
-    args.extend(CRATES.iter().chain(&PARTS).flat_map(|name| ["--package", *name]));
+    let names: Vec<String> = CRATES.map(str::to_owned).into_iter().chain(parts()).collect();
+    args.extend(names.iter().flat_map(|name| ["--package", name]));
     cargo(&root(), &args);
-    let unpacked = CRATES.iter().chain(&PARTS).map(|name| {
+    let unpacked = names.iter().map(|name| {
         let stem = format!("{name}-{}", env!("CARGO_PKG_VERSION"));
         let file = directory.join("target/package").join(format!("{stem}.crate"));
         let status = Command::new("tar").arg("-xzf").arg(&file).arg("-C").arg(directory).status().unwrap();
         assert!(status.success(), "{}", file.display());
-        (*name, directory.join(stem))
+        (name.clone(), directory.join(stem))
     });
     unpacked.collect()
 }
@@ -60,7 +56,7 @@ fn the_template_builds_against_packed_crates() {
     let mut manifest = manifest;
     for (name, path) in packed(directory.path()) {
         let after = format!("{name} = {{ path = \"{}\" }}", path.display());
-        if PARTS.contains(&name) {
+        if !CRATES.contains(&name.as_str()) {
             // The patch is the last table.
             manifest += &format!("{after}\n");
             continue;

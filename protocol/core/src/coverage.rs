@@ -170,7 +170,8 @@ pub fn take() -> CoveragePoints {
     SET.with(|set| CoveragePoints(set.take()))
 }
 
-#[cfg(all(test, feature = "std"))]
+#[cfg(feature = "std")]
+#[cfg(test)]
 mod tests {
     use super::*;
 

@@ -10,7 +10,8 @@ pub mod engine;
 #[cfg(feature = "rapier")]
 mod floor;
 pub mod hull;
-#[cfg(all(test, feature = "rapier"))]
+#[cfg(feature = "rapier")]
+#[cfg(test)]
 mod rapier_tests;
 #[cfg(feature = "rapier")]
 pub mod work;

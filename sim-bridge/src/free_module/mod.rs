@@ -11,7 +11,8 @@ pub mod structure_world;
 #[cfg(test)]
 mod tests;
 pub mod trial;
-#[cfg(all(test, feature = "physics"))]
+#[cfg(feature = "physics")]
+#[cfg(test)]
 mod trial_tests;
 pub mod walking;
 

@@ -92,7 +92,13 @@ pub fn all() -> Vec<&'static dyn Command> {
 
 /// Returns the command line: all commands, and the options of the program.
 pub fn command_line() -> clap::Command {
-    let verbose = Arg::new("verbose").short('v').long("verbose").action(ArgAction::Count).global(true);
+    // The last of the options of every command, before its help.
+    let verbose = Arg::new("verbose")
+        .short('v')
+        .long("verbose")
+        .action(ArgAction::Count)
+        .global(true)
+        .display_order(998);
     clap::Command::new("metamorph")
         .version(env!("CARGO_PKG_VERSION"))
         .about(
@@ -117,7 +123,7 @@ const WIDTH: usize = 100;
 fn groups() -> String {
     let all = all();
     let named = |name: &&str| all.iter().copied().find(|command| command.name() == *name);
-    let first: Vec<&dyn Command> = FIRST.iter().filter_map(|name| named(name)).collect();
+    let first: Vec<&dyn Command> = FIRST.iter().filter_map(named).collect();
     let listed = all.iter().copied().filter(|command| command.group().is_some());
     let widest = listed.clone().map(|command| command.name().len()).max().unwrap_or(0);
     let mut text = String::new();
