@@ -1,5 +1,5 @@
-//! Families of modules: everything particular to a family is in its folder, and the list here is the only
-//! place that names them all.
+//! Families of modules: everything particular to a family is in its folder. They are listed here and, with all that needs
+//! processes, in `metamorph_processes::family`.
 //!
 //! A family is a type that implements [`FamilyParts`] and its supertraits; [`Family`] follows from it and is the interface that
 //! others use. An embedding program can add families with [`install`]. `runnable` is what a run needs of a family,
