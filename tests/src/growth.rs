@@ -18,6 +18,7 @@ use metamorph_sim_bridge::cube::world::{CubeWorld, MotionCounts};
 use metamorph_sim_bridge::director::faults::{Fault, Schedule};
 use metamorph_sim_bridge::director::outcome::{Outcome, Stall};
 use metamorph_sim_bridge::director::progress::{Stage, Stop};
+use metamorph_sim_bridge::director::rescue::Rescue;
 use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig};
 use metamorph_sim_bridge::world::invariants::{Invariant, Violation};
 use std::collections::BTreeSet;
@@ -188,7 +189,14 @@ impl Experiment {
             planned_until: Time::ZERO,
         };
         let schedule = Schedule::new(self.faults);
-        let director = Director::new(Arc::clone(&setup), self.start.len(), schedule, stop, self.failure);
+        let director = Director::new(
+            Arc::clone(&setup),
+            self.start.len(),
+            schedule,
+            stop,
+            self.failure,
+            Rescue::default(),
+        );
         let config = SimConfig {
             setup,
             link: self.link,

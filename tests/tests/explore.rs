@@ -33,7 +33,7 @@ fn fails_by(defect: Defect, draft: &GeneratedScenario) -> Option<Kind> {
     let by_defect = match judged(None)? {
         Verdict::Built => true,
         Verdict::Failed(sound) => kind.is_unsafe() && sound.kind != kind,
-        Verdict::Infeasible(_) | Verdict::Excused(_) => kind.is_unsafe(),
+        Verdict::Infeasible(_) | Verdict::Excused(_) | Verdict::Unrescued => kind.is_unsafe(),
     };
     by_defect.then_some(kind)
 }
@@ -290,7 +290,7 @@ fn swarms_with_elements_are_explored() {
     let out = directory.path().join("explored").display().to_string();
     let ran = metamorph(&["explore", "--elements", "--runs", "6", "--seed", "1", "--out", &out]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
-    let (draft, plan) = draw(1, Drawn { family: None, elements: true });
+    let (draft, plan) = draw(1, Drawn { elements: true, ..Drawn::default() });
     assert!(draft.to_string().contains("[[swarm.element]]"), "{draft}");
     assert_eq!(plan.swarm.family(), METAMODULE.name());
 }

@@ -35,7 +35,8 @@ fn build(side: i16, block: i16, speed: u32, faults: Vec<(Time, Fault)>) -> (Opti
         planned_until: Time::ZERO,
     };
     let schedule = Schedule::new(faults);
-    let mut director = Director::new(setup.clone(), start.len(), schedule, stop, Default::default());
+    let mut director =
+        Director::new(setup.clone(), start.len(), schedule, stop, Default::default(), Default::default());
     let options = SwarmOptions {
         speed: Speed::new(speed, 1).expect("a speed"),
         seed: 1,

@@ -12,7 +12,7 @@ use metamorph_module_agent::transport::shared_frame::SharedFrame;
 use metamorph_module_agent::transport::{Link, SendStatus};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::rng::Rng;
-use metamorph_tests::chaos::{agent_of, root_of, signal_to, wait_until};
+use metamorph_tests::chaos::{agent_of, left_of, root_of, signal_to, wait_until};
 use metamorph_tests::command::{Ran, command, metamorph, module_agent, root, run, scenario};
 use metamorph_tests::required::{Check, skip};
 use metamorph_world_controller::console::format::many;
@@ -76,7 +76,9 @@ fn a_full_disk_ends_the_journal_and_not_the_run() {
     );
     let Some(ran) = with_small_disk(&disk, "400k", &script) else { return };
     let report = report(&ran);
-    assert_eq!((ran.code, report["outcome"].as_str()), (Some(0), Some("built")), "{ran:?}");
+    // The run was built, and what was asked for is not whole.
+    assert_eq!((ran.code, report["outcome"].as_str()), (Some(1), Some("built")), "{ran:?}");
+    assert!(ran.err.contains("--journal") && ran.err.contains("make room"), "{ran:?}");
     assert!(notes(&report).contains("missing from the journal: "), "{report}");
     assert!(notes(&report).contains("could not be joined, and stay in"), "{report}");
     // The fates of messages are counted elsewhere, and complete.
@@ -121,6 +123,26 @@ fn full_shared_memory_ends_the_run_with_the_reason() {
     let report = report(&Ran { out: ran.out[ran.out.find('{').unwrap_or_default()..].to_owned(), ..ran });
     assert_eq!(report["outcome"].as_str(), Some("aborted"), "{report}");
     assert!(notes(&report).contains("the run was ended early: shared memory is full"), "{report}");
+}
+
+/// Something removes the files of a run in shared memory: the run ends at once, as a fault of the machine and not as a deadlock.
+#[test]
+fn removed_shared_memory_ends_the_run_with_the_reason() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let run = Run::start(&dir.path().join("journal"), &["--time-scale", "3"]);
+    wait_until("the run to begin", || root_of(run.pid()).is_some_and(|root| begun(&root)));
+    let root = root_of(run.pid()).expect("it has begun");
+    for path in left_of(&root) {
+        // Links and directories are removed as what they are.
+        let is_dir = path.symlink_metadata().is_ok_and(|found| found.is_dir());
+        let _ = if is_dir { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };
+    }
+    let ran = run.end();
+    let report = report(&ran);
+    assert_eq!((ran.code, report["outcome"].as_str()), (Some(7), Some("aborted")), "{ran:?}");
+    let reason = report["reason"].to_string();
+    assert!(reason.contains("machine: ") && reason.contains("removed from outside"), "{reason}");
+    assert_eq!(left_of(&root), Vec::<std::path::PathBuf>::new());
 }
 
 /// A limit of file sizes is an error, and does not end the command by a signal.

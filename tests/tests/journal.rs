@@ -6,7 +6,7 @@ use metamorph_module_agent::journal_file::{Head, Reader, Writer};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::record::Sink;
 use metamorph_protocol::rng::Rng;
-use metamorph_tests::command::{Ran, run, run_processes, scenario};
+use metamorph_tests::command::{Ran, metamorph, run, run_processes, scenario};
 use metamorph_tests::journal_file::half;
 use metamorph_world_controller::console::format::digits;
 use metamorph_world_controller::family::replay;
@@ -269,4 +269,57 @@ fn a_journal_contains_all_that_a_viewer_needs() {
     assert!(count(&|e| matches!(e, Event::State(s) if s.lock.is_some())) > 0);
     assert!(records.is_sorted_by_key(|r| r.at), "records are in the order of time");
     assert!(matches!(records.last().map(|r| &r.event), Some(Event::Ended { .. })));
+}
+
+/// A journal that ends early says so to all that read it, wherever it was cut off.
+#[test]
+fn a_journal_without_its_end_says_so() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let journal = dir.path().join("journal");
+    record("swarm.toml", "sim", &["--kill", "3@2s"], &journal);
+    let (head, records) = read(&journal);
+    let cut = dir.path().join("cut");
+    write(&cut, &head, &records[..records.len() / 2]);
+    let (cut, svg) = (cut.display().to_string(), dir.path().join("a.svg").display().to_string());
+    let (mcap, sdf) =
+        (dir.path().join("a.mcap").display().to_string(), dir.path().join("a.sdf").display().to_string());
+    for args in [
+        vec!["replay", &cut],
+        vec!["export", &cut, "--mcap", &mcap],
+        vec!["export", &cut, "--sdf", &sdf],
+        vec!["render", &cut, "--at", "end", "--out", &svg],
+    ] {
+        let ran = run(&args);
+        assert!(format!("{}{}", ran.out, ran.err).contains("the journal has no end"), "{args:?}: {ran:?}");
+    }
+    assert_eq!(again(&journal).troubles, Vec::<String>::new());
+}
+
+/// A journal that could not be written whole is an error, and the report says why.
+#[test]
+fn a_journal_that_is_not_whole_is_an_error() {
+    let dir = tempfile::tempdir().expect("a directory");
+    for link in ["sim", "ipc"] {
+        let (journal, report) = (dir.path().join(link), dir.path().join(format!("{link}.json")));
+        let script = format!(
+            "ulimit -f 200; exec {} run {} --link {link} --time-scale 40 --quiet --journal {} --json {}",
+            metamorph().display(),
+            scenario("swarm.toml").display(),
+            journal.display(),
+            report.display()
+        );
+        let ran = std::process::Command::new("bash").args(["-c", &script]).output().expect("a shell");
+        let said = String::from_utf8_lossy(&ran.stderr);
+        if link == "ipc" && said.contains("ulimit -f") && !report.exists() {
+            // Shared memory counts as files, so the limit may refuse the run before it begins.
+            assert_ne!(ran.status.code(), Some(0), "{said}");
+            continue;
+        }
+        assert_eq!(ran.status.code(), Some(1), "{link}: {said}");
+        assert!(said.contains("--journal") && said.contains("missing from the journal"), "{link}: {said}");
+        let report: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(report).expect("a report")).expect("JSON");
+        assert_eq!(report["outcome"], "built", "{link}");
+        assert!(report["incomplete_journal"].is_string(), "{link}");
+    }
 }

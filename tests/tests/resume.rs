@@ -3,7 +3,7 @@
 #![allow(clippy::print_stdout, reason = "shown only on failure or with --nocapture")]
 
 use metamorph_protocol::rng::Rng;
-use metamorph_tests::chaos::{signal_to, wait_until};
+use metamorph_tests::chaos::{agent_of, signal_to, wait_until};
 use metamorph_tests::checked_run::geometry;
 use metamorph_tests::checker::check;
 use metamorph_tests::command::{Ran, command, run, run_processes, scenario, surprises};
@@ -192,6 +192,31 @@ fn runs_that_cannot_be_resumed_are_refused() {
     // Its records until then are kept.
     let replayed = run(&["replay", &file]);
     assert!(replayed.code == Some(0) && replayed.out.contains("the run was not finished"), "{replayed:?}");
+}
+
+/// Agents that died before the run is resumed are no deadlock of the protocol: that is said, and the journal stays as it is.
+#[test]
+fn a_run_whose_agents_are_gone_is_refused() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let journal = dir.path().join("journal");
+    let file = journal.display().to_string();
+    let mut victim = Victim::start(&journal, "swarm.toml", &["--time-scale", "2"]);
+    assert!(victim.kill_at(&journal, 300), "the run is slower than this");
+    let name = std::fs::read_to_string(parts_of(&journal).join("run")).expect("the run has begun");
+    let root = Path::new("/dev/shm").join(name.split(' ').next().unwrap_or_default());
+    let agents: Vec<_> = (0..42).filter_map(|id| agent_of(&root, id, 0)).collect();
+    assert!(!agents.is_empty());
+    for agent in agents.iter().filter(|agent| agent.is_alive()) {
+        signal_to(agent.pid, Signal::KILL);
+    }
+    wait_until("all agents to be dead", || agents.iter().all(|agent| !agent.is_alive()));
+    let before = count(&parts_of(&journal).join("controller"));
+    let refused = run(&["resume", &file]);
+    assert!(
+        refused.code == Some(1) && refused.err.contains("agents of the run is there any more"),
+        "{refused:?}"
+    );
+    assert_eq!(count(&parts_of(&journal).join("controller")), before);
 }
 
 /// `cargo test -p metamorph-tests resume::fifty -- --ignored --nocapture`

@@ -233,6 +233,7 @@ fn tables() -> Vec<(&'static str, &'static str, &'static str, Vec<&'static str>)
         (CUBES, "link.controller.", "controller-link", vec![]),
         (CUBES, "link.between_hosts.", "between_hosts", vec![]),
         (CUBES, "link.between_hosts.pair.0.", "host-pair", vec![]),
+        (CUBES, "controller.", "controller", vec![]),
         (CUBES, "process.", "process", vec![]),
         (CUBES, "stop.", "stop", vec![]),
         (CUBES, "swarm.", "cubeSwarm", vec![]),
@@ -384,9 +385,10 @@ fn the_reader_and_the_schema_know_the_same_names() {
 }
 
 /// Each table with defaults: its place in a smallest scenario, and its definition in the schema.
-const SMALLEST: [(&str, &str, &str); 22] = [
+const SMALLEST: [(&str, &str, &str); 23] = [
     (SMALLEST_OF_CUBES, "", ""),
     (SMALLEST_OF_CUBES, "link", "link"),
+    (SMALLEST_OF_CUBES, "controller", "controller"),
     (SMALLEST_OF_CUBES, "process", "process"),
     (SMALLEST_OF_CUBES, "swarm", "cubeSwarm"),
     (SMALLEST_OF_CUBES, "goal.0", "cubeGoal"),

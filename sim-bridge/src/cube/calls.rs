@@ -55,8 +55,9 @@ struct Asked {
 #[derive(Clone, Copy, Debug, Hash)]
 struct Sent {
     module: ModuleId,
-    from: Cell,
-    to: Cell,
+    way: Walk,
+    /// The number of steps that it has made.
+    made: usize,
     leaves_by: Time,
     until: Time,
 }
@@ -79,6 +80,10 @@ pub(super) struct Calls {
     next: Time,
     /// True if calls have filled a cell since something last broke.
     is_fruitful: bool,
+    /// The number of moves of called modules in the run.
+    called: u64,
+    /// The number of plans in the run.
+    plans: u64,
 }
 
 /// The swarm, as the director knows it.
@@ -103,6 +108,25 @@ pub(super) struct CallProgress {
 }
 
 impl Calls {
+    /// Returns the number of moves that called modules have made in the run.
+    pub fn called(&self) -> u64 {
+        self.called
+    }
+    /// Returns the number of plans that were made in the run.
+    pub fn plans(&self) -> u64 {
+        self.plans
+    }
+
+    /// Counts the steps that the called module has made.
+    pub fn count(&mut self, world: &CubeWorld) {
+        let Some(sent) = &mut self.sent else { return };
+        let at = world.cell(sent.module);
+        if let Some(made) = sent.way.cells().position(|cell| cell == at) {
+            self.called += made.saturating_sub(sent.made) as u64;
+            sent.made = made.max(sent.made);
+        }
+    }
+
     /// Calls the next module of a plan, and makes a plan if nothing has moved for long.
     pub fn tend(
         &mut self,
@@ -117,7 +141,8 @@ impl Calls {
         if news != self.news {
             let are_done = self.segments.is_empty() && self.sent.is_some();
             let is_fruitful = progress.last_fill > progress.last_fault && (self.is_fruitful || are_done);
-            *self = Calls { news, is_fruitful, requests: self.requests, ..Calls::default() };
+            let Calls { requests, called, plans, .. } = *self;
+            *self = Calls { news, is_fruitful, requests, called, plans, ..Calls::default() };
         }
         self.watch(now, world);
         if let Some(asked) = self.asked {
@@ -134,6 +159,8 @@ impl Calls {
             if self.segments.is_empty() {
                 // Walkers that rest take a place in the forest meanwhile, and carry others then.
                 self.next = now + progress.patience;
+            } else {
+                self.plans += 1;
             }
         }
         if let Some(segment) = self.segments.pop_front() {
@@ -145,8 +172,8 @@ impl Calls {
     fn watch(&mut self, now: Time, world: &CubeWorld) {
         let Some(sent) = self.sent else { return };
         let at = world.cell(sent.module);
-        let stays = at == sent.from && !world.is_moving(sent.module);
-        if at == sent.to && !world.is_moving(sent.module) && !self.segments.is_empty() {
+        let stays = at == sent.way.from() && !world.is_moving(sent.module);
+        if at == sent.way.to() && !world.is_moving(sent.module) && !self.segments.is_empty() {
             self.sent = None;
         } else if now > sent.until || (stays && now > sent.leaves_by) {
             if stays {
@@ -188,8 +215,7 @@ impl Calls {
         commands: &mut VecDeque<Command<Order>>,
     ) {
         let arrives_by = until + params.move_time * 2;
-        let (from, to) = (way.from(), way.to());
-        self.sent = Some(Sent { module, from, to, leaves_by: until, until: arrives_by });
+        self.sent = Some(Sent { module, way, made: 0, leaves_by: until, until: arrives_by });
         commands.push_back(Command::Order(module, Order::Call { epoch, until, way }));
     }
 
@@ -223,7 +249,7 @@ impl Calls {
         // At the end of the last way it waits until the cell may be started out of turn.
         let until = if self.segments.is_empty() { arrives_by + params.out_of_turn_after } else { arrives_by };
         let leaves_by = now + params.move_time * TO_SET_OUT;
-        self.sent = Some(Sent { module, from: way.from(), to: way.to(), leaves_by, until });
+        self.sent = Some(Sent { module, way, made: 0, leaves_by, until });
         commands.push_back(Command::Order(module, Order::Call { epoch, until, way }));
     }
 

@@ -120,10 +120,24 @@ impl<'a> Building<'a> {
 
     /// Returns the state of the swarm as the input of a reachability search.
     pub fn snapshot(&self, world: &CubeWorld) -> StandstillSnapshot {
-        let Building { goal, connectivity, epoch, known, registrar } = *self;
+        let Building { goal, epoch, known, registrar, .. } = *self;
         // A holder that has been restarted may not know that it is finalized.
         let stays_final = |id: ModuleId| !known[id.index()].alive || known[id.index()].is_final(epoch);
         let is_final_still = |holder: Cell| world.body_at(holder).is_some_and(stays_final);
+        let mut snapshot = self.bodies(world);
+        for (id, module) in (0..).map(ModuleId).zip(&mut snapshot.modules) {
+            let of = &known[id.index()];
+            module.held_for_good = !of.alive && registrar.held_for_good_by(id).is_some_and(is_final_still);
+            // A module restarted in a goal cell may have been finalized: it stays.
+            let is_lost = of.restarted && !of.is_walker() && goal.contains(module.cell);
+            module.pinned = of.alive && (is_pinned(world, known, id) || is_lost);
+        }
+        snapshot
+    }
+
+    /// Returns the same without what holds modules in place: enough for a search by the rules of any robot.
+    pub fn bodies(&self, world: &CubeWorld) -> StandstillSnapshot {
+        let Building { goal, connectivity, epoch, known, .. } = *self;
         let modules = (0..known.len() as u32).map(ModuleId).map(|id| {
             let of = &known[id.index()];
             ModuleSnapshot {
@@ -134,11 +148,8 @@ impl<'a> Building<'a> {
                 // The dead module in the seed cell is the root.
                 finalized: of.is_final(epoch) || (!of.alive && world.cell(id) == goal.seed()),
                 unattached: of.is_unattached(),
-                held_for_good: !of.alive && registrar.held_for_good_by(id).is_some_and(is_final_still),
-                // A module restarted in a goal cell may have been finalized: it stays.
-                pinned: of.alive
-                    && (is_pinned(world, known, id)
-                        || (of.restarted && !of.is_walker() && goal.contains(world.cell(id)))),
+                held_for_good: false,
+                pinned: false,
             }
         });
         let fills = |id: ModuleId| known[id.index()].is_final(epoch) || !known[id.index()].alive;

@@ -12,6 +12,8 @@ use metamorph_kernel::director::monitor::{RunMonitor, Standing};
 use metamorph_kernel::director::outcome::Outcome;
 use metamorph_kernel::director::port::DirectorPort;
 use metamorph_kernel::director::progress::{Progress, Stage, Stop};
+use metamorph_kernel::director::rescue::{Help, Rescue};
+use metamorph_kernel::director::standstills::PATIENCE;
 use metamorph_kernel::director::steering::Steering as Wish;
 use metamorph_protocol::cube::control::{Order, Status};
 use metamorph_protocol::cube::epoch::{Epoch, Opening};
@@ -27,8 +29,6 @@ use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::{Span, Time};
 use std::sync::Arc;
 
-/// The part of the time without moves that ends a run after which modules are called.
-const PATIENCE: u64 = 4;
 /// The part of the time without moves, or without a filled cell, that ends a run after which a global plan is made.
 const LAST_PATIENCE: u64 = 2;
 
@@ -37,6 +37,7 @@ pub struct Director {
     setup: Arc<Setup>,
     monitor: RunMonitor<Order>,
     failure: Ratio,
+    rescue: Rescue,
     opening: Opening,
     global_plan: GlobalPlan,
     stages: Vec<Stage>,
@@ -50,7 +51,12 @@ pub struct Director {
     last_fault: Time,
     /// The end of the latest lease of a command.
     leased: Time,
+    /// The state in which the last fault left the modules, or the opening of the goal if that was later; with what identifies it.
+    before: Option<(Disturbance, StandstillSnapshot)>,
 }
+
+/// The time of the last fault, the goal, and the number of living modules.
+type Disturbance = (Time, u16, usize);
 
 impl Director {
     /// Creates a director for a swarm of `modules` cubes.
@@ -60,10 +66,12 @@ impl Director {
         schedule: Schedule,
         stop: Stop,
         failure: Ratio,
+        rescue: Rescue,
     ) -> Director {
         Director {
             monitor: RunMonitor::new(schedule, stop),
             failure,
+            rescue,
             opening: Opening::of(Epoch::default(), Time::ZERO),
             global_plan: GlobalPlan::default(),
             stages: setup.goals.iter().take(1).map(|goal| Stage::opened(goal.len(), Time::ZERO)).collect(),
@@ -77,6 +85,7 @@ impl Director {
             recount: true,
             last_fault: Time::ZERO,
             leased: Time::ZERO,
+            before: None,
         }
     }
 
@@ -88,6 +97,10 @@ impl Director {
     pub fn snapshot(&self, world: &CubeWorld) -> StandstillSnapshot {
         self.building().snapshot(world)
     }
+    /// Returns the state in which the last fault left the modules, or the opening of the goal if that was later.
+    pub fn before(&self) -> Option<&StandstillSnapshot> {
+        self.before.as_ref().map(|(_, snapshot)| snapshot)
+    }
     /// Returns all goals so far.
     pub fn stages(&self) -> &[Stage] {
         &self.stages
@@ -96,9 +109,9 @@ impl Director {
     pub fn prevented(&self) -> u64 {
         self.monitor.prevented(self.known.iter().filter_map(|k| k.status).map(|s| s.prevented))
     }
-    /// Returns the number of moves that the director led by global plans.
-    pub fn led(&self) -> u64 {
-        self.global_plan.led()
+    /// Returns the number of moves that the director has brought about.
+    pub fn help(&self, world: &CubeWorld) -> Help {
+        Help { called: self.calls.called(), led: self.global_plan.led(world) }
     }
     /// Returns the number of modules whose process is alive.
     pub fn alive(&self) -> usize {
@@ -214,6 +227,7 @@ impl Director {
         if usize::from(next.goal()) == self.setup.goals.len() {
             return self.monitor.finish(now, Outcome::Built);
         }
+        self.monitor.resolve_standstill(now);
         self.open(Opening::of(next, now));
         self.stages.push(Stage::opened(self.goal().len(), now));
     }
@@ -236,31 +250,61 @@ impl Director {
         if is_checked {
             self.monitor.next_check = now + self.setup.params.move_time;
             let is_built = self.count_filled(now, world);
+            self.calls.count(world);
+            self.note_disturbance(world);
+            if let Some(since) = self.look(now, world)
+                && !is_built
+            {
+                let stall = self.building().diagnose(world, since);
+                self.monitor.begin_standstill(stall);
+            }
             if self.global_plan.is_active() {
                 self.lead(now, world);
             } else if is_built {
                 return self.next_stage(now);
             }
         }
-        let (last_move, last_fill, stop) =
-            (self.monitor.last_action, self.monitor.last_gain, self.monitor.stop);
-        let is_planned = self.monitor.is_event_planned(now) || now < self.leased;
-        let no_gain_since = last_fill.max(self.last_fault).max(stop.planned_until).max(self.leased);
-        let idle_since = last_move.max(no_gain_since);
-        let standing = Standing { is_planned, is_stranded: false, idle_since, no_gain_since };
+        let (standing, stop) = (self.standing(now), self.monitor.stop);
+        let Standing { is_planned, idle_since, no_gain_since, .. } = standing;
         if let Some(outcome) = self.monitor.verdict(now, standing) {
             let since = if outcome == Outcome::Livelock { no_gain_since } else { idle_since };
             let stall = self.building().diagnose(world, since);
             self.monitor.give_up(now, outcome, stall);
         } else if is_checked && !is_planned && !self.global_plan.is_active() {
-            self.call(now, world);
+            self.call(now, world, idle_since);
             let is_idle = now.since(idle_since) > stop.stall / LAST_PATIENCE;
             let is_jammed = now.since(no_gain_since) > stop.livelock / LAST_PATIENCE;
-            let is_healed = self.is_broken() && self.building().connectivity != Connectivity::Gradient;
+            let is_led = self.rescue >= Rescue::Plans;
+            let is_healed =
+                is_led && self.is_broken() && self.building().connectivity != Connectivity::Gradient;
             if (is_idle || is_jammed) && is_healed {
                 self.plan_globally(now, world);
             }
         }
+    }
+
+    /// Takes note of the state in which a fault has left the modules, to be asked later if the goal could have been built from
+    /// there.
+    fn note_disturbance(&mut self, world: &CubeWorld) {
+        let disturbance = (self.last_fault, self.opening.epoch.goal(), self.alive());
+        if self.before.as_ref().is_none_or(|(last, _)| *last != disturbance) {
+            self.before = Some((disturbance, self.building().bodies(world)));
+        }
+    }
+
+    /// Returns how the swarm stands.
+    fn standing(&self, now: Time) -> Standing {
+        let RunMonitor { last_action, last_gain, stop, .. } = self.monitor;
+        let is_planned = self.monitor.is_event_planned(now) || now < self.leased;
+        let no_gain_since = last_gain.max(self.last_fault).max(stop.planned_until).max(self.leased);
+        let idle_since = last_action.max(no_gain_since);
+        Standing { is_planned, is_stranded: false, idle_since, no_gain_since }
+    }
+
+    /// Returns the time since which the swarm stands still, if that is noticed now.
+    fn look(&mut self, now: Time, world: &CubeWorld) -> Option<Time> {
+        let (standing, help, is_led) = (self.standing(now), self.help(world), self.global_plan.is_active());
+        self.monitor.look(now, standing, self.filled, help, is_led)
     }
 
     /// Opens the goal again in a closed epoch, if a global plan is found or looked for.
@@ -292,10 +336,11 @@ impl Director {
     }
 
     /// Calls modules that hear of no goal cell, if something is broken.
-    fn call(&mut self, now: Time, world: &mut CubeWorld) {
-        if !self.is_broken() {
+    fn call(&mut self, now: Time, world: &mut CubeWorld, idle_since: Time) {
+        if self.rescue < Rescue::Calls || !self.is_broken() {
             return;
         }
+        let plans = self.calls.plans();
         let RunMonitor { last_gain: last_fill, last_action: last_move, stop, commands, .. } =
             &mut self.monitor;
         let patience = stop.stall / PATIENCE;
@@ -308,6 +353,11 @@ impl Director {
         let building = Building::of(&self.setup, self.opening.epoch, &self.known, &self.registrar);
         let swarm = Swarm { epoch: building.epoch, params: &self.setup.params, known: &self.known };
         self.calls.tend(now, progress, world, &|world| building.snapshot(world), swarm, commands);
+        // After calls that have filled a cell, the next one is made earlier.
+        if self.calls.plans() > plans && !self.monitor.standstills().is_present() {
+            let stall = self.building().diagnose(world, idle_since);
+            self.monitor.begin_standstill(stall);
+        }
     }
 
     fn may_be_built(&self) -> bool {

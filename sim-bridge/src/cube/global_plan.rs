@@ -32,9 +32,9 @@ const MODULES: usize = 4_096;
 /// The largest number of modules of a swarm for which all arrangements are searched.
 const SEARCHED_MODULES: usize = 256;
 /// The largest number of arrangements in a search.
-const ARRANGEMENTS: usize = 20_000;
+const ARRANGEMENTS: usize = 200_000;
 /// The largest number of cells in these arrangements together.
-const EFFORT: usize = 2_000_000;
+const EFFORT: usize = 3_000_000;
 /// The largest number of plans for a goal until something breaks.
 const MOST_PLANS: u8 = 3;
 /// How long to wait until all modules rest and have reported the closed epoch, in moves.
@@ -71,7 +71,7 @@ pub(super) struct GlobalPlan {
     rest_by: Time,
     /// The number of calls in a row after which the called module has made no step.
     refused: u8,
-    /// The number of moves of the run that were led.
+    /// The number of moves of the run that were led, by calls that are over.
     led: u64,
 }
 
@@ -108,8 +108,8 @@ impl GlobalPlan {
         self.phase.is_some()
     }
     /// Returns the number of moves that were led in the run.
-    pub fn led(&self) -> u64 {
-        self.led
+    pub fn led(&self, world: &CubeWorld) -> u64 {
+        self.led + self.segment.map_or(0, |segment| segment.made(world) as u64)
     }
 
     /// Calls the next module when the one before has arrived. Returns false when the plan is over: carried out, or given up.
@@ -158,9 +158,7 @@ impl GlobalPlan {
 
     /// Counts the steps that a called module has made.
     fn count(&mut self, segment: Segment, world: &CubeWorld) {
-        let at = world.cell(segment.mover);
-        let reached = segment.way.cells().enumerate().filter(|(_, cell)| *cell == at).last();
-        let made = reached.map_or(0, |(steps, _)| steps);
+        let made = segment.made(world);
         if let Some(Phase::Leading(moves)) = &mut self.phase {
             moves.drain(..made.min(moves.len()));
         }
@@ -170,6 +168,12 @@ impl GlobalPlan {
 }
 
 impl Segment {
+    /// Returns the number of steps that the called module has made.
+    fn made(&self, world: &CubeWorld) -> usize {
+        let at = world.cell(self.mover);
+        let reached = self.way.cells().enumerate().filter(|(_, cell)| *cell == at).last();
+        reached.map_or(0, |(steps, _)| steps)
+    }
     /// Returns true if the called module has arrived, or may not start a motion any more.
     fn is_over(&self, now: Time, world: &CubeWorld) -> bool {
         !world.is_moving(self.mover) && (world.cell(self.mover) == self.way.to() || now > self.until)

@@ -8,10 +8,11 @@
 //! Simultaneous moves are covered by moves one after the other: each needs the body connected without all
 //! movers. A plan within the rules of the protocol can be carried out by calls ([`plan`]).
 
+mod arrangements;
+
 use metamorph_kernel::director::proof::{Found, RuleSet};
 use metamorph_protocol::lattice::{Cell, Face, Motion, MotionKind};
-use std::cmp::Reverse;
-use std::collections::{BTreeSet, BinaryHeap, VecDeque};
+use std::collections::{BTreeSet, VecDeque};
 
 /// One module at a standstill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -83,7 +84,7 @@ pub fn widest_proof(snapshot: &StandstillSnapshot, bound: usize) -> Result<RuleS
 
 /// Searches within the rules, arrangements nearest to the goal first.
 pub fn search(snapshot: &StandstillSnapshot, within: RuleSet, bound: usize) -> Found {
-    StateSpace::new(snapshot, within).search(bound).0
+    arrangements::search(snapshot, within, bound).0
 }
 
 /// One move of a plan.
@@ -102,16 +103,14 @@ pub struct PlannedMove {
 /// Returns a plan that fills one more goal cell by the rules of the protocol, if one is found among at most `bound`
 /// arrangements. It is empty if the cell needs no move.
 pub fn plan(snapshot: &StandstillSnapshot, bound: usize) -> Option<Vec<PlannedMove>> {
-    let state_space = StateSpace::new(snapshot, RuleSet::Held);
-    let (found, steps) = state_space.search(bound);
-    matches!(found, Found::Way(_)).then(|| state_space.motions(&steps))
+    let (found, plan) = arrangements::search(snapshot, RuleSet::Held, bound);
+    matches!(found, Found::Way(_)).then_some(plan)
 }
 
 /// Returns a plan that fills the whole goal by the rules of any robot, if one is found among at most `bound` arrangements.
 pub fn plan_of_any_robot(snapshot: &StandstillSnapshot, bound: usize) -> Option<Vec<PlannedMove>> {
-    let state_space = StateSpace::new(snapshot, RuleSet::Anything);
-    let (found, steps) = state_space.search(bound);
-    matches!(found, Found::Way(_)).then(|| state_space.motions(&steps))
+    let (found, plan) = arrangements::search(snapshot, RuleSet::Anything, bound);
+    matches!(found, Found::Way(_)).then_some(plan)
 }
 
 impl StandstillSnapshot {
@@ -134,271 +133,6 @@ impl StandstillSnapshot {
         let mut others = self.modules.iter().filter(|m| !self.moves(m, RuleSet::Anything));
         let held = others.clone().filter(|m| self.goal.contains(&m.cell)).count();
         self.modules.len() - others.by_ref().count() + held < self.goal.len()
-    }
-}
-
-/// The constant part of a search.
-struct StateSpace {
-    /// True if goal cells are filled by growth, so that one counts only if it is connected with the finalized
-    /// structure, and if modules move only over those that grant it, or stay permanently.
-    by_growth: bool,
-    /// True if modules without a place in the forest leave only from the end of a branch, and none leaves from under
-    /// another.
-    is_held: bool,
-    spared_by_live: bool,
-    goal: BTreeSet<Cell>,
-    /// The number of goal cells that must be filled.
-    enough: usize,
-    /// The initial cells of the modules that can move.
-    movers: Vec<Cell>,
-    /// Cells of live modules that do not move.
-    fixed_live: BTreeSet<Cell>,
-    dead: BTreeSet<Cell>,
-    /// Initial cells of walkers, which carry no module before they are finalized.
-    walkers: BTreeSet<Cell>,
-    /// The finalized structure: its live modules, and dead ones in goal cells that start others.
-    roots: BTreeSet<Cell>,
-    /// Modules that are finalized, or were when they died.
-    finalized: BTreeSet<Cell>,
-    /// Modules that leave only from the end of a branch.
-    unattached: BTreeSet<Cell>,
-}
-
-impl StateSpace {
-    fn new(snapshot: &StandstillSnapshot, within: RuleSet) -> StateSpace {
-        let by_growth = matches!(within, RuleSet::Held | RuleSet::Carried);
-        let moves = |m: &ModuleSnapshot| snapshot.moves(m, within);
-        let cells = |which: &dyn Fn(&ModuleSnapshot) -> bool| {
-            snapshot.modules.iter().filter(|m| which(m)).map(|m| m.cell).collect::<BTreeSet<Cell>>()
-        };
-        StateSpace {
-            by_growth,
-            is_held: within == RuleSet::Held,
-            spared_by_live: snapshot.spared_by_live && within == RuleSet::Held,
-            goal: snapshot.goal.iter().copied().collect(),
-            enough: if by_growth { snapshot.filled + 1 } else { snapshot.goal.len() },
-            movers: cells(&moves).into_iter().collect(),
-            fixed_live: cells(&|m| m.alive && !moves(m)),
-            dead: cells(&|m| !m.alive),
-            walkers: cells(&|m| m.walker),
-            roots: cells(&|m| {
-                let starts = m.finalized || m.held_for_good;
-                if m.alive { m.finalized } else { starts && snapshot.goal.contains(&m.cell) }
-            }),
-            finalized: cells(&|m| m.finalized),
-            unattached: cells(&|m| m.alive && m.unattached),
-        }
-    }
-
-    /// Searches for an arrangement with enough goal cells filled. Returns the moves to it, as the cells of a module
-    /// before and after.
-    fn search(&self, bound: usize) -> (Found, Vec<(Cell, Cell)>) {
-        let start = self.movers.clone();
-        if self.by_growth && !self.is_enough(&start) && self.is_out_of_reach(&start) {
-            return (Found::Impossible(1), Vec::new());
-        }
-        // For each arrangement the one before it, and the move between them.
-        let mut origins: Vec<(usize, (Cell, Cell))> = vec![(0, Default::default())];
-        let mut seen = BTreeSet::from([start.clone()]);
-        let mut front = BinaryHeap::from([Reverse((self.distance(&start), 0, start, 0))]);
-        while let Some(Reverse((_, moves, at, index))) = front.pop() {
-            if self.is_enough(&at) {
-                let mut steps = Vec::with_capacity(moves);
-                let mut last = index;
-                while last != 0 {
-                    let (before, step) = origins[last];
-                    steps.push(step);
-                    last = before;
-                }
-                steps.reverse();
-                return (Found::Way(moves), steps);
-            }
-            for (next, step) in self.moves(&at) {
-                if seen.len() >= bound {
-                    return (Found::Undecided, Vec::new());
-                }
-                if seen.insert(next.clone()) {
-                    front.push(Reverse((self.distance(&next), moves + 1, next, origins.len())));
-                    origins.push((index, step));
-                }
-            }
-        }
-        (Found::Impossible(seen.len()), Vec::new())
-    }
-
-    /// Returns the motions of a plan that was found.
-    fn motions(&self, steps: &[(Cell, Cell)]) -> Vec<PlannedMove> {
-        let mut at = self.movers.clone();
-        let mut planned = Vec::with_capacity(steps.len());
-        for (from, to) in steps.iter().copied() {
-            let grown = self.grown(&at);
-            at.retain(|cell| *cell != from);
-            let possible = |m: &Motion| m.destination(from) == to && self.is_possible(&at, &grown, from, *m);
-            // A live support keeps the destination free for the mover.
-            let is_live = |m: &Motion| self.carries(&at, &grown, from.step(m.support));
-            let live = motions().filter(|m| possible(m) && is_live(m)).min_by_key(|m| m.kind as u8);
-            if let Some(motion) = live.or_else(|| motions().find(possible)) {
-                let (support, landing) = (from.step(motion.support), to.step(motion.landing_support()));
-                let lands_on_fixed = self.finalized.contains(&landing);
-                let is_unasked = self.dead.contains(&support) && support != landing;
-                planned.push(PlannedMove { from, motion, lands_on_fixed, is_unasked });
-            }
-            let place = at.partition_point(|c| *c < to);
-            at.insert(place, to);
-        }
-        planned
-    }
-
-    fn is_live(&self, at: &[Cell], cell: Cell) -> bool {
-        at.binary_search(&cell).is_ok() || self.fixed_live.contains(&cell)
-    }
-    /// Returns true if the live module in a cell grants that others move over it: it has not left its initial cell, or is
-    /// part of the finalized structure.
-    fn carries(&self, at: &[Cell], grown: &BTreeSet<Cell>, cell: Cell) -> bool {
-        let has_not_set_out = self.fixed_live.contains(&cell)
-            || (at.binary_search(&cell).is_ok() && self.movers.binary_search(&cell).is_ok());
-        (has_not_set_out && !self.walkers.contains(&cell))
-            || (grown.contains(&cell) && !self.dead.contains(&cell))
-    }
-    fn is_taken(&self, at: &[Cell], cell: Cell) -> bool {
-        self.is_live(at, cell) || self.dead.contains(&cell)
-    }
-
-    /// Returns the finalized structure, grown over live modules in goal cells.
-    fn grown(&self, at: &[Cell]) -> BTreeSet<Cell> {
-        spread(self.roots.iter().copied(), &|c| self.goal.contains(c) && self.is_live(at, *c))
-    }
-
-    /// Returns true if enough goal cells are filled. Where goal cells are filled by growth, a cell counts only if it is
-    /// part of the structure grown from the finalized one, or has a dead module in it.
-    fn is_enough(&self, at: &[Cell]) -> bool {
-        let grown = self.by_growth.then(|| self.grown(at));
-        let is_filled = |c: &&Cell| match &grown {
-            Some(grown) => self.dead.contains(c) || grown.contains(c),
-            None => self.is_taken(at, **c),
-        };
-        self.goal.iter().filter(is_filled).count() >= self.enough
-    }
-
-    /// Returns true if no module comes to a goal cell that could be filled next, even if all others made way
-    /// and carried at the same time. This detects most walled-in cells at once.
-    fn is_out_of_reach(&self, at: &[Cell]) -> bool {
-        let grown = self.grown(at);
-        let is_wall = |c: &Cell| self.fixed_live.contains(c) || self.dead.contains(c);
-        let carries =
-            |c: Cell| self.carries(at, &grown, c) || self.dead.contains(&c) || self.goal.contains(&c);
-        let mut reached: BTreeSet<Cell> = at.iter().copied().collect();
-        let mut front = at.to_vec();
-        while let Some(from) = front.pop() {
-            for motion in motions().filter(|m| carries(from.step(m.support))) {
-                let to = motion.destination(from);
-                let is_free = !is_wall(&to) && motion.corner(from).is_none_or(|c| !is_wall(&c));
-                if is_free && carries(to.step(motion.landing_support())) && reached.insert(to) {
-                    front.push(to);
-                }
-            }
-        }
-        let is_next = |c: &&Cell| {
-            !self.is_taken(at, **c)
-                && reached.contains(*c)
-                && c.neighbours().iter().any(|n| grown.contains(n))
-        };
-        !self.goal.iter().any(|c| is_next(&c))
-    }
-
-    /// Returns a heuristic: for each unfilled goal cell 4 plus the distance of the nearest module outside of the goal,
-    /// or plus 100 if there is none.
-    fn distance(&self, at: &[Cell]) -> u32 {
-        let free = self.goal.iter().filter(|c| !self.is_taken(at, **c));
-        let spare = || at.iter().filter(|c| !self.goal.contains(c));
-        free.map(|goal| 4 + spare().map(|c| c.manhattan(*goal)).min().unwrap_or(100)).sum()
-    }
-
-    /// Returns every arrangement after one move, and the move.
-    fn moves(&self, at: &[Cell]) -> Vec<(Vec<Cell>, (Cell, Cell))> {
-        let grown = if self.by_growth { self.grown(at) } else { BTreeSet::new() };
-        let mut found = Vec::new();
-        for (i, from) in at.iter().copied().enumerate() {
-            let mut rest = at.to_vec();
-            rest.remove(i);
-            let destinations: BTreeSet<Cell> = motions()
-                .filter(|m| self.is_possible(&rest, &grown, from, *m))
-                .map(|m| m.destination(from))
-                .collect();
-            if destinations.is_empty() || !self.holds_without(&rest, &grown, from) {
-                continue;
-            }
-            for to in destinations {
-                let mut next = rest.clone();
-                let place = next.partition_point(|c| *c < to);
-                next.insert(place, to);
-                found.push((next, (from, to)));
-            }
-        }
-        found
-    }
-
-    fn is_possible(&self, rest: &[Cell], grown: &BTreeSet<Cell>, from: Cell, motion: Motion) -> bool {
-        let to = motion.destination(from);
-        let (support, landing) = (from.step(motion.support), to.step(motion.landing_support()));
-        let carries = if self.by_growth {
-            let carries = |cell| self.carries(rest, grown, cell) || self.dead.contains(&cell);
-            carries(support) && carries(landing)
-        } else {
-            self.is_taken(rest, support) && self.is_taken(rest, landing)
-        };
-        carries && !self.is_taken(rest, to) && motion.corner(from).is_none_or(|c| !self.is_taken(rest, c))
-    }
-
-    /// Returns true if the neighbours of a cell are connected without the module that leaves it.
-    fn holds_without(&self, rest: &[Cell], grown: &BTreeSet<Cell>, from: Cell) -> bool {
-        let together = |counts: &dyn Fn(&Cell) -> bool| {
-            let beside: Vec<Cell> = from.neighbours().into_iter().filter(|c| counts(c)).collect();
-            if beside.len() < 2 {
-                return true;
-            }
-            are_together(&beside, counts)
-        };
-        let touched = || from.neighbours().into_iter().filter(|c| self.is_taken(rest, *c)).count();
-        if self.is_held && self.unattached.contains(&from) && touched() > 1 {
-            return false;
-        }
-        // A module that has set out may rest on this one.
-        let has_set_out = |c: &Cell| rest.binary_search(c).is_ok() && self.movers.binary_search(c).is_err();
-        let rests_here = |c: &Cell| has_set_out(c) && !grown.contains(c);
-        let is_first_move = || self.movers.binary_search(&from).is_ok() && !self.walkers.contains(&from);
-        if self.is_held && is_first_move() && from.neighbours().iter().any(rests_here) {
-            return false;
-        }
-        together(&|c| self.is_taken(rest, *c)) && (!self.spared_by_live || self.is_cycled(rest, grown, from))
-    }
-
-    /// Returns true if cycles of live modules around a cell connect its neighbours, without the module in it. The finalized
-    /// structure counts as one module, with the dead that belong to it or touch it. Any other dead one counts as connected
-    /// with a live module that touches it.
-    fn is_cycled(&self, rest: &[Cell], grown: &BTreeSet<Cell>, from: Cell) -> bool {
-        let is_live = |c: &Cell| *c != from && self.carries(rest, grown, *c);
-        let is_grown = |c: &Cell| is_live(c) && grown.contains(c);
-        let is_root = |c: &Cell| self.finalized.contains(c) || c.neighbours().iter().any(is_grown);
-        let beside = from.neighbours();
-        let live: Vec<Cell> = beside.into_iter().filter(is_live).collect();
-        let (rooted, dead): (Vec<Cell>, Vec<Cell>) =
-            beside.into_iter().filter(|c| self.dead.contains(c)).partition(is_root);
-        let is_rooted = !rooted.is_empty() || live.iter().any(|c| self.finalized.contains(c));
-        let mut reached = spread(live.first().copied().into_iter(), &is_live);
-        let is_dead_root = |c: &Cell| self.dead.contains(c) && is_root(c);
-        let touches_root = |c: &Cell| grown.contains(c) || c.neighbours().iter().any(is_dead_root);
-        if is_rooted && reached.iter().any(touches_root) {
-            let roots = grown.iter().copied().filter(is_live);
-            reached = spread(reached.into_iter().chain(roots), &is_live);
-        } else if is_rooted && !live.is_empty() {
-            return false;
-        }
-        if live.is_empty() {
-            return dead.len() + usize::from(is_rooted) < 2;
-        }
-        let is_held = |c: &Cell| c.neighbours().iter().any(|n| reached.contains(n));
-        live.iter().all(|c| reached.contains(c)) && dead.iter().all(is_held)
     }
 }
 

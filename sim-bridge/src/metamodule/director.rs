@@ -27,9 +27,10 @@ use members::Members;
 use metamorph_kernel::director::faults::{Fault, FaultRecord, Schedule};
 use metamorph_kernel::director::monitor::{RunMonitor, Standing};
 use metamorph_kernel::director::operator::{Habits, Level, Operator};
-use metamorph_kernel::director::outcome::Outcome;
+use metamorph_kernel::director::outcome::{Outcome, Stall};
 use metamorph_kernel::director::port::DirectorPort;
 use metamorph_kernel::director::progress::{Progress, Stage, Stop};
+use metamorph_kernel::director::rescue::Help;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::metamodule::blueprint::{SeedSet, Task};
 use metamorph_protocol::metamodule::message::{Order, Status};
@@ -183,6 +184,10 @@ impl MetamoduleDirector {
     pub fn picture<'a>(&'a self, world: &'a MetamoduleWorld) -> Picture<'a> {
         Picture::new(self.view(world), &self.monitor)
     }
+    /// Returns the state in which the last fault left the metamodules, or the beginning of this task if that was later.
+    pub fn before(&self) -> Option<&Standstill> {
+        self.goal.before()
+    }
     /// Returns the current state of the swarm as the input of a search.
     pub fn snapshot(&self, world: &MetamoduleWorld) -> Standstill {
         self.view(world).snapshot()
@@ -210,6 +215,7 @@ impl MetamoduleDirector {
 
     /// Requests a new plan, since the state that the last one was made for has changed.
     fn disturb(&mut self) {
+        self.goal.disturb();
         if let Some(execution) = &mut self.execution {
             execution.disturb();
             self.monitor.next_check = Time::ZERO;
@@ -247,11 +253,13 @@ impl MetamoduleDirector {
         let before = self.task().shift;
         let by = (shift.0.saturating_sub(before.0), shift.1.saturating_sub(before.1));
         self.goal.note_change(GoalChange::Relocated(by));
+        self.monitor.relocate_standstill(now);
         self.begin(now, Task { shift, ..self.task() });
     }
 
     /// Starts another task; its epoch does not matter.
     fn begin(&mut self, now: Time, task: Task) {
+        self.monitor.resolve_standstill(now);
         let is_other_goal = self.goal.begin(now, task, &self.setup);
         self.relocation.begun(is_other_goal);
         self.leases.forget_held();
@@ -275,6 +283,8 @@ impl MetamoduleDirector {
         self.monitor.count_actions(now, done);
         self.monitor.next_check = now + self.setup.params.turn_time;
         self.count_filled(now, world);
+        let (setup, members) = (&self.setup, &self.members);
+        self.goal.note_state(|goal| View { setup, world, members, goal }.snapshot());
         if let Some(order) = self.goal.announce(&self.setup) {
             self.members.order_all(order, &mut self.monitor.commands);
         }
@@ -299,14 +309,24 @@ impl MetamoduleDirector {
         let idle_since = last_action.max(no_gain_since);
         let is_stranded = self.members.is_end_detected();
         let standing = Standing { is_planned, is_stranded, idle_since, no_gain_since };
+        let filled = self.filled().len();
+        // The moves of a central plan are no help: without them there is none.
+        if let Some(since) = self.monitor.look(now, standing, filled, Help::default(), false) {
+            let stall = self.explain(world, since, false);
+            self.monitor.begin_standstill(stall);
+        }
         let Some(outcome) = self.monitor.verdict(now, standing) else { return };
         if outcome != Outcome::Timeout && self.retreat(now, world) {
             return;
         }
-        let (view, elements, relocation) = (self.view(world), &self.elements, &self.relocation);
         let since = if outcome == Outcome::Livelock { last_gain } else { idle_since };
-        let stall = Diagnosis { view, elements, relocation }.explain(since);
+        let stall = self.explain(world, since, true);
         self.monitor.give_up(now, outcome, stall);
+    }
+
+    fn explain(&self, world: &MetamoduleWorld, since: Time, searches: bool) -> Stall {
+        let (view, elements, relocation) = (self.view(world), &self.elements, &self.relocation);
+        Diagnosis { view, elements, relocation }.explain(since, searches)
     }
 }
 
@@ -327,6 +347,7 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
 
     fn external(&mut self, now: Time, id: ModuleId, what: &Outside, world: &MetamoduleWorld) {
         self.monitor.last_action = now;
+        self.goal.disturb();
         self.monitor.faults.external(now, id, what, &self.members.describe(id, world));
     }
 

@@ -1,12 +1,13 @@
 //! The command `explore`.
 
-use crate::scenario_args::jobs;
+use crate::scenario_args::{RescueArg, jobs};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use metamorph_console::command::{CommandOf, Group};
 use metamorph_experiments::explore::draw::Drawn;
 use metamorph_experiments::explore::{Budget, Request, explore};
 use metamorph_processes::family::{self, Family};
+use metamorph_sim_bridge::director::rescue::Rescue;
 use std::fmt;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -56,6 +57,10 @@ pub struct ExploreArgs {
     /// Draw metamodules with passive elements only
     #[arg(long)]
     pub elements: bool,
+    /// How far the controller helps broken swarms of cubes that stand still. At off and calls, a standstill with a plan left is no
+    /// failure. Default: plans, and drawn for seeds from 2^39 on
+    #[arg(long, value_enum, value_name = "LEVEL")]
+    pub rescue: Option<RescueArg>,
     /// Number of concurrent runs; default: the number of processors
     #[arg(long, value_name = "N")]
     pub jobs: Option<NonZeroUsize>,
@@ -97,7 +102,11 @@ impl From<ExploreArgs> for Request {
                 None => Budget::Runs(args.runs.unwrap_or(EXPLORED)),
             },
             seed: args.seed,
-            drawn: Drawn { family: args.family.map(|family| family.0), elements: args.elements },
+            drawn: Drawn {
+                family: args.family.map(|family| family.0),
+                elements: args.elements,
+                rescue: args.rescue.map(Rescue::from),
+            },
             jobs: jobs(args.jobs),
             out: args.out,
             json: args.json,

@@ -3,7 +3,7 @@
 use metamorph_console::command::{CommandOf, Group};
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::{OutputError, Outputs};
-use metamorph_console::terminal::print_out;
+use metamorph_console::terminal::{print_error, print_out};
 use metamorph_processes::family::{self, Recorded, families, recorded};
 use metamorph_processes::record::journal::JournalFailure;
 use metamorph_processes::record::journal::ReadError;
@@ -83,6 +83,7 @@ pub fn export_structure(args: &ExportArgs, file: &Path, format: Format) -> Resul
     if let Some(damage) = damage {
         return Err(JournalFailure::from(damage).into());
     }
+    scene.troubles().iter().for_each(|trouble| print_error(&format!("note: {trouble}")));
     let at = args.structure.at.within(scene.now());
     let at = at.ok_or_else(|| StructureError::Late(seconds(scene.now().as_secs_f64())))?;
     let snapshot = Playback::new(&scene, &*swarm).advance(at);

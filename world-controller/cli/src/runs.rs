@@ -15,13 +15,14 @@ use metamorph_report::schema::Report;
 use metamorph_scenario::{LinkKind, Overrides, Plan, quote};
 use metamorph_scene::shared::Shared;
 use metamorph_sim_bridge::director::outcome::Outcome;
-use metamorph_text::command_error::{BAD_USAGE, FAILED, Failure};
-use metamorph_text::escape::portable;
+use metamorph_text::command_error::{BAD_USAGE, CommandError, FAILED, Failure};
+use metamorph_text::escape::{Shown, portable};
 use metamorph_view::http::ServerError;
 use metamorph_view::request::{Command, Origin};
 use metamorph_view::saved::Subject;
 use metamorph_view::server::Server;
 use std::path::{Path, PathBuf};
+use thiserror::Error;
 
 /// Reads a scenario.
 pub fn plan(path: &Path, overrides: &Overrides) -> Result<Plan, Failure> {
@@ -115,10 +116,23 @@ impl Show {
         if view {
             interrupt.wait();
         }
+        if let (Some(why), Some(file)) = (&report.incomplete_journal, journal) {
+            return Err(IncompleteJournal { file: file.to_owned(), why: why.clone() }.into());
+        }
         let outcome = Outcome::ALL.into_iter().find(|o| o.name() == report.outcome);
         Ok(outcome.map_or(FAILED, Outcome::exit_code))
     }
 }
+
+/// The run has ended, and its journal is not whole.
+#[derive(Debug, Error)]
+#[error("--journal {}: {why}\n  fix: make room on that disk, or raise the limit of the size of files (`ulimit -f`), and run again", .file.shown())]
+struct IncompleteJournal {
+    file: PathBuf,
+    why: String,
+}
+
+impl CommandError for IncompleteJournal {}
 
 /// Serves a scene, and returns the text with its addresses.
 pub fn address(

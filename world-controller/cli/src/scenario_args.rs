@@ -5,6 +5,7 @@ use metamorph_processes::swarm::{HostsFile, Placement};
 use metamorph_protocol::time::{Span, SpanError};
 use metamorph_scenario::settings::Setting;
 use metamorph_scenario::{LinkKind, NEVER, Overrides, SEED, TIME_SCALE};
+use metamorph_sim_bridge::director::rescue::Rescue;
 use std::fmt::Display;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -56,6 +57,9 @@ pub struct PlanArgs {
     /// Set a value in the scenario, for example link.loss=5% or goal.0.growth=solid (repeatable)
     #[arg(long, value_name = "KEY=VALUE", allow_hyphen_values = true)]
     pub set: Vec<String>,
+    /// How far the controller helps a broken swarm of cubes that stands still. Default: the scenario's, or plans
+    #[arg(long, value_enum, value_name = "LEVEL")]
+    pub rescue: Option<RescueArg>,
     /// Give the swarm an operator who helps it when it is stuck (metamodules). Default: the scenario's, or none
     #[arg(long, value_enum, value_name = "KIND")]
     pub operator: Option<OperatorArg>,
@@ -73,6 +77,27 @@ pub struct PlanArgs {
 pub enum OperatorArg {
     /// A program
     Scripted,
+}
+
+/// The help of the controller, as typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum RescueArg {
+    /// None: what is measured is the local protocol alone
+    Off,
+    /// It calls single modules to unfilled cells
+    Calls,
+    /// If calls do not help, it also moves modules by a plan
+    Plans,
+}
+
+impl From<RescueArg> for Rescue {
+    fn from(level: RescueArg) -> Rescue {
+        match level {
+            RescueArg::Off => Rescue::Off,
+            RescueArg::Calls => Rescue::Calls,
+            RescueArg::Plans => Rescue::Plans,
+        }
+    }
 }
 
 /// The link, as typed.
@@ -116,6 +141,8 @@ impl From<PlanArgs> for (PathBuf, Overrides) {
         });
         let scripted = |OperatorArg::Scripted| "operator.kind=scripted".to_owned();
         let operator = args.operator.map(scripted).map(|text| Setting { option: "--operator", text });
+        let rescue = args.rescue.map(|level| format!("controller.rescue={}", Rescue::from(level)));
+        let rescue = rescue.map(|text| Setting { option: "--rescue", text });
         let sizes = file.and_then(|file| file.sizes.as_ref()).map(|sizes| format!("hosts={sizes:?}"));
         let hosts = args.hosts.as_ref().map(|hosts| format!("hosts={}", hosts.count));
         let hosts = sizes.or(hosts);
@@ -139,7 +166,7 @@ impl From<PlanArgs> for (PathBuf, Overrides) {
             duplicate: args.dup,
             reorder: args.reorder,
             time_scale: args.time_scale,
-            settings: operator.into_iter().chain(set).chain(hosts).collect(),
+            settings: operator.into_iter().chain(rescue).chain(set).chain(hosts).collect(),
         };
         (args.scenario, overrides)
     }

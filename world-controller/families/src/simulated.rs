@@ -152,6 +152,7 @@ impl<R: Runnable, W: Audited, D: DirectorPort<W>> Run<R, W, D> {
             agents_hash: Some(hashes.agents),
             world_hash: hashes.world,
             search,
+            machine_fault: None,
             notes,
         };
         (report(&facts), facts.account)

@@ -51,6 +51,7 @@ fn write_all(out: &mut String, r: &Report, words: &Words, paint: Paint) -> std::
         count(a.restarted)
     )?;
     write_moves(out, r)?;
+    write_standstills(out, r)?;
     write_collisions_and_time(out, r, words)?;
     write_invariants(out, r, paint)?;
     writeln!(out)?;
@@ -66,6 +67,29 @@ fn write_all(out: &mut String, r: &Report, words: &Words, paint: Paint) -> std::
         writeln!(out, "  note: {note}")?;
     }
     write_identity(out, r)
+}
+
+/// Writes how many standstills there were, and what ended them.
+fn write_standstills(out: &mut String, r: &Report) -> std::fmt::Result {
+    let Some(standstills) = r.standstills.as_ref().filter(|standstills| standstills.count > 0) else {
+        return Ok(());
+    };
+    let words = [
+        ("itself", "ended by themselves"),
+        ("call", "by calls of the controller"),
+        ("plan", "by a plan of the controller"),
+        ("relocation", "by moving the goal"),
+        ("operator", "by an operator"),
+        ("nothing", "until the run ended"),
+    ];
+    let ended = |(name, how): (&str, &str)| {
+        let n = standstills.ended.get(name).copied().filter(|n| *n > 0)?;
+        Some(format!("{} {how}", count(n)))
+    };
+    let ended: Vec<String> = words.into_iter().filter_map(ended).collect();
+    let rescue =
+        if standstills.rescue == "none" { String::new() } else { format!("; rescue {}", standstills.rescue) };
+    writeln!(out, "  standstills {}: {}{rescue}", count(standstills.count), ended.join(", "))
 }
 
 /// Writes the collisions and the times of the run.
@@ -164,11 +188,12 @@ fn write_moves(out: &mut String, r: &Report) -> std::fmt::Result {
     let (moves, d) = (count(r.moves), &r.move_details);
     if r.family_text.moves.is_empty() {
         let (begun, failed) = (count(d.started), count(d.failed));
-        let led =
-            if d.led == 0 { String::new() } else { format!(", {} led by the controller", count(d.led)) };
+        let helped = |n: u64, how: &str| if n == 0 { String::new() } else { format!(", {} {how}", count(n)) };
+        let (called, led) =
+            (helped(d.called, "called by the controller"), helped(d.led, "led by the controller"));
         writeln!(
             out,
-            "  moves       {moves} completed ({per_module:.1} a module) of {begun} begun, {failed} failed{led}"
+            "  moves       {moves} completed ({per_module:.1} a module) of {begun} begun, {failed} failed{called}{led}"
         )?;
     }
     for (label, text) in &r.family_text.moves {

@@ -14,6 +14,7 @@ pub mod plots;
 pub mod prospect;
 pub mod run_result;
 pub mod schema;
+mod standstills;
 pub mod statistics;
 pub mod two_samples;
 
@@ -26,6 +27,8 @@ use metamorph_core::counters::{Counts, Tally};
 use metamorph_core::time::{Span, Time};
 use metamorph_kernel::director::faults::{FaultRecord, Origin};
 use metamorph_kernel::director::outcome::{Outcome, Stall};
+use metamorph_kernel::director::progress::Progress;
+use metamorph_kernel::director::reason::SELF_BLOCKED;
 use metamorph_kernel::kernel::sim::{ControlCounts, Crossings};
 use metamorph_kernel::world::invariants::Violation;
 use metamorph_scenario::family::Words;
@@ -100,6 +103,8 @@ pub struct Facts<'a> {
     pub world_hash: u64,
     /// Whether a standstill is worth a search for what could still have been built.
     pub search: bool,
+    /// Why the run was ended early, if the machine took away what it needs.
+    pub machine_fault: Option<String>,
     /// Notes for the reader, such as processes that died without a fault.
     pub notes: Vec<String>,
 }
@@ -126,7 +131,7 @@ pub fn report(facts: &Facts<'_>) -> Report {
         seed: plan.seed,
         link: plan.overrides.link.name().to_owned(),
         outcome: outcome.name().to_owned(),
-        reason: reason(outcome, facts, progress.filled, progress.goal),
+        reason: reason(outcome, facts, unbuilt.as_ref()),
         agents: Agents {
             launched: plan.swarm.len() as u64,
             alive: progress.alive as u64,
@@ -137,6 +142,7 @@ pub fn report(facts: &Facts<'_>) -> Report {
         stages: account.stages.clone(),
         deadlocks: listed(Outcome::Deadlock),
         livelocks: listed(Outcome::Livelock),
+        standstills: Some(standstills::report(plan, &account.standstills)),
         unbuilt,
         collisions: Collisions { attempted: refused + prevented + suffered, prevented, refused, suffered },
         moves: account.moves,
@@ -170,6 +176,7 @@ pub fn report(facts: &Facts<'_>) -> Report {
         faults_planned: plan.schedule.iter().filter(|s| s.by == Origin::Scenario).count() as u64
             + plan.link_changes().len() as u64,
         notes: facts.notes.clone(),
+        incomplete_journal: None,
         trace_hash: facts.trace_hash.map(digits),
         state_hash: facts.state_hash.map(digits),
         agents_hash: facts.agents_hash.map(digits),
@@ -184,20 +191,26 @@ pub fn report(facts: &Facts<'_>) -> Report {
     }
 }
 
-fn reason(outcome: Outcome, facts: &Facts<'_>, filled: usize, goal: usize) -> String {
+fn reason(outcome: Outcome, facts: &Facts<'_>, unbuilt: Option<&Standstill>) -> String {
     let Words { modules, cell, part, .. } = *facts.plan.swarm.words();
-    let why = facts.account.stall.as_ref().map(|s| s.text);
+    let Progress { filled, goal, .. } = facts.account.progress;
+    let why = unbuilt.map(|s| s.text.as_str());
     let unknown = "no reason found";
     let so_far = format!("{} of {}", count(filled as u64), many(goal as u64, part));
     match outcome {
-        Outcome::Built => format!("every {cell} is filled"),
+        Outcome::Built => format!("every {cell} is filled{}", standstills::help(&facts.account)),
         Outcome::Unsafe => match facts.violations.first() {
             Some(first) => format!("an invariant broke: {first}"),
             None => "an invariant broke".to_owned(),
         },
-        Outcome::Aborted => format!("stopped from outside with {so_far} filled"),
+        Outcome::Aborted => match &facts.machine_fault {
+            Some(why) => format!("machine: {why}; it says nothing about the protocol ({so_far} filled)"),
+            None => format!("stopped from outside with {so_far} filled"),
+        },
+        // Whether the modules could have continued says more than what held each of them just then.
         Outcome::Timeout => {
-            format!("the time limit was reached with {so_far} filled; {}", why.unwrap_or(unknown))
+            let prospect = unbuilt.map_or(unknown, |s| s.prospect.as_str());
+            format!("the time limit was reached with {so_far} filled; {prospect}")
         }
         Outcome::Livelock => format!(
             "{modules} moved, but no {cell} was filled for {}; {}",
@@ -209,15 +222,16 @@ fn reason(outcome: Outcome, facts: &Facts<'_>, filled: usize, goal: usize) -> St
 }
 
 fn standstill(stall: &Stall, prospect: &Prospect) -> Standstill {
+    let reason = if prospect.before.is_some() { SELF_BLOCKED } else { stall.reason };
     Standstill {
         since_s: stall.since.as_secs_f64(),
-        reason: stall.reason.name.to_owned(),
+        reason: reason.name.to_owned(),
         infeasible: prospect.possible == Possible::No,
         possible: prospect.possible.name().to_owned(),
         impossible_within: prospect.within.map(|within| within.name().to_owned()),
         way: if let Possible::Yes(moves) = prospect.possible { Some(moves as u64) } else { None },
         prospect: prospect.text(),
-        text: stall.text.to_owned(),
+        text: if prospect.before.is_some() { SELF_BLOCKED.text } else { stall.text }.to_owned(),
         unfilled: stall.open.iter().filter_map(|o| Some(o.cell?.into())).collect(),
         open: stall.open.iter().map(|o| o.text.clone()).collect(),
         wait_cycle: stall.wait_cycle.iter().map(|id| id.0).collect(),

@@ -5,7 +5,7 @@ use super::Words;
 use super::hosts::HostsReport;
 use super::human::{commanded, proved};
 use super::over_time::{Layer, Mark, areas};
-use super::schema::{Report, Standstill, Waiting};
+use super::schema::{Report, Standstill, StandstillsReport, Waiting};
 use crate::document::{document, figure};
 use crate::message_timeline::Bin;
 use maud::{Markup, html};
@@ -40,6 +40,7 @@ pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin]) -> String {
         }
         p class=(if good { "note" } else { "warning" }) { (report.reason) "." }
         @if let Some(unbuilt) = &report.unbuilt { (standstill(unbuilt, words)) }
+        @if let Some(all) = report.standstills.as_ref().filter(|all| all.count > 0) { (standstills(all, words)) }
         h2 { "Repeat it" }
         pre.command { (report.repeat) }
         p.note {
@@ -96,6 +97,26 @@ fn standstill(s: &Standstill, words: &Words) -> Markup {
                 } } }
             } }
         }
+    }
+}
+
+fn standstills(all: &StandstillsReport, words: &Words) -> Markup {
+    html! {
+        h2 { "Standstills" }
+        div.wide { table {
+            caption {
+                "Times at which no " (words.module) " moved, or none filled anything: " (count(all.count)) ", of which the controller resolved "
+                (count(all.rescued)) @if all.rescue != "none" { " (rescue " (all.rescue) ")" }
+            }
+            thead { tr {
+                th scope="col" { "since" } th scope="col" { "until" } th.key scope="col" { "ended by" }
+                th scope="col" { "moves called" } th scope="col" { "moves led" } th scope="col" { (words.cells) " left" } th.text scope="col" { "why" }
+            } }
+            tbody { @for e in &all.events { tr {
+                td { (seconds(e.since_s)) } td { @match e.until_s { Some(t) => (seconds(t)), None => "–" } } td.key { (e.ended_by) }
+                td { (count(e.called)) } td { (count(e.led)) } td { (count(e.open.len() as u64)) } td.text { (e.text) }
+            } } }
+        } }
     }
 }
 
@@ -213,6 +234,8 @@ fn numbers(report: &Report, words: &Words) -> Markup {
     let rows = [
         (actions("begun"), d.started),
         (actions("completed"), d.completed),
+        (actions("of modules that the controller called"), d.called),
+        (actions("led by a plan of the controller"), d.led),
         (actions("that failed"), d.failed),
         (actions("refused because a cell was taken"), d.refused_taken),
         (actions("refused because they came late"), d.refused_late),

@@ -9,6 +9,7 @@ use metamorph_kernel::director::faults::FaultRecord;
 use metamorph_kernel::director::outcome::{Outcome, Stall};
 use metamorph_kernel::director::progress::Progress;
 use metamorph_kernel::director::proof::{Found, RuleSet};
+use metamorph_kernel::director::standstills::Standstills;
 
 /// A standstill as a search problem: what could still have been done?
 pub trait Question {
@@ -20,6 +21,11 @@ pub trait Question {
     /// Returns whether any robot with these modules could have built the whole goal; `None` if the search does
     /// not decide it.
     fn could_be_built(&self) -> Option<bool> {
+        None
+    }
+    /// Returns the number of moves of a plan by which the goal could have been built from where the last fault left the modules, or
+    /// from the start if there was none; `None` if a search finds no plan.
+    fn plan_before(&self) -> Option<usize> {
         None
     }
     /// Returns true if a standstill in which nothing was broken or restarted is the fault of the modules even
@@ -41,6 +47,8 @@ pub struct RunResult {
     pub restarted: u64,
     /// The standstill, if there was one.
     pub stall: Option<Stall>,
+    /// All standstills in the course of the run, and the help of the controller.
+    pub standstills: Standstills,
     /// The standstill as a search problem.
     pub snapshot: Option<Box<dyn Question>>,
     /// The effect of each fault.

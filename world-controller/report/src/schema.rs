@@ -46,6 +46,9 @@ pub struct Report {
     pub deadlocks: Vec<Standstill>,
     /// The standstill, if the outcome of the run was a livelock.
     pub livelocks: Vec<Standstill>,
+    /// Every standstill in the course of the run, whatever followed; null in reports of earlier versions.
+    #[serde(default)]
+    pub standstills: Option<StandstillsReport>,
     /// Why goal cells are unfilled, whatever the outcome; null if all are filled or it was not examined.
     pub unbuilt: Option<Standstill>,
     /// Attempts to use one cell twice; the body of a cube also refuses a move whose support is missing.
@@ -84,6 +87,9 @@ pub struct Report {
     pub faults_planned: u64,
     /// Notes for the reader, such as processes that died without a fault.
     pub notes: Vec<String>,
+    /// Why the journal of the run is not whole; null if it is, or if none was asked for.
+    #[serde(default)]
+    pub incomplete_journal: Option<String>,
     /// 16 hexadecimal digits, equal for two runs with the same events by time, module and kind; null on
     /// `ipc`.
     pub trace_hash: Option<String>,
@@ -200,6 +206,56 @@ pub struct Standstill {
     pub proof: Option<ProofReport>,
 }
 
+/// The standstills in the course of a run. Without help of the controller or of an operator, the run would have ended at the
+/// first that did not end by itself.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct StandstillsReport {
+    /// How far the controller may help modules that stand still: `off`, `calls` or `plans`; `none` for families in which it does
+    /// not.
+    pub rescue: String,
+    /// The number of standstills.
+    pub count: u64,
+    /// The number of those that the controller resolved: by calls, by a plan, or by moving the goal.
+    pub rescued: u64,
+    /// The number of standstills by what ended them: `itself`, `call`, `plan`, `relocation`, `operator` or `nothing`.
+    pub ended: BTreeMap<String, u64>,
+    /// The first hundred standstills.
+    pub events: Vec<StandstillEvent>,
+}
+
+/// One standstill in the course of a run: no module moved for a quarter of the bound of a deadlock, or modules moved for half of
+/// the bound of a livelock and filled no cell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct StandstillEvent {
+    /// Time of the last progress.
+    pub since_s: f64,
+    /// Time at which it was noticed.
+    pub noticed_s: f64,
+    /// Time at which it ended: modules moved that the controller had not called, or the goal was built. Null if the run ended
+    /// first.
+    pub until_s: Option<f64>,
+    /// `itself`, `call`, `plan`, `relocation`, `operator` or `nothing`.
+    pub ended_by: String,
+    /// True if modules moved without filling a cell.
+    pub moving: bool,
+    /// The reason, as in a standstill that ends a run. No search was made.
+    pub reason: String,
+    /// The reason as text.
+    pub text: String,
+    /// Goal cells that were not filled; of seeds, the cells of their feet.
+    pub unfilled: Vec<[i16; 3]>,
+    /// Objectives that were not reached, as text: goal cells by their coordinates.
+    pub open: Vec<String>,
+    /// Modules that waited for each other in a cycle; empty if there was none.
+    pub wait_cycle: Vec<u32>,
+    /// Who waited, for whom, and why.
+    pub waiting: Vec<Waiting>,
+    /// Moves of called modules while it lasted.
+    pub called: u64,
+    /// Moves led by a plan while it lasted.
+    pub led: u64,
+}
+
 /// A proof by exhaustive search that no moves of the free metamodules, in any order, fill one more seed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ProofReport {
@@ -268,8 +324,11 @@ pub struct MoveReport {
     pub refused_stale: u64,
     /// Refused by the body as impossible from its state, or because it was already acting; 0 for cubes.
     pub refused_impossible: u64,
-    /// Completed by cubes that the controller led by a plan for the whole swarm, because nothing else helped; 0 for other
-    /// modules.
+    /// Completed by cubes that the controller had called to an unfilled cell; 0 for other modules.
+    #[serde(default)]
+    pub called: u64,
+    /// Completed by modules that the controller led by a plan for the whole swarm: by cubes, if calls did not help; of metamodules
+    /// under `planned` and of free modules that reconfigure, all moves.
     #[serde(default)]
     pub led: u64,
 }

@@ -216,6 +216,10 @@ pub trait SwarmPlan: Any + fmt::Debug + Send + Sync {
     fn no_target(&self, _: &Target) -> Option<ScenarioError> {
         None
     }
+    /// Returns true if the controller can help its swarms when they stand still.
+    fn has_rescue(&self) -> bool {
+        false
+    }
     /// Returns the verbs of the commands that steer its modules.
     fn steering(&self) -> &'static [&'static str] {
         &[]

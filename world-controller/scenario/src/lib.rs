@@ -27,6 +27,7 @@ mod placement;
 pub mod plan;
 pub mod plan_summary;
 pub mod raw;
+pub mod rescue;
 pub mod schema;
 pub mod settings;
 pub mod shapes;
@@ -45,6 +46,7 @@ use metamorph_core::link::LinkModel;
 use metamorph_core::ratio::Ratio;
 use metamorph_kernel::director::faults::Schedule;
 use metamorph_kernel::director::progress::Stop;
+use metamorph_kernel::director::rescue::Rescue;
 use metamorph_text::escape::portable;
 use metamorph_text::sources::Sources;
 use operator::OperatorPlan;
@@ -166,6 +168,8 @@ pub struct Plan {
     pub schedule: Schedule,
     /// The end conditions of the run.
     pub stop: Stop,
+    /// How far the controller helps a swarm that stands still, if the family has a rescue.
+    pub rescue: Rescue,
     /// The operator, if the scenario names one.
     pub operator: Option<OperatorPlan>,
     /// True if messages are lost so often that the default bound for a deadlock may be too short.

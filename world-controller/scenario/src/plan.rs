@@ -89,6 +89,7 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
         schedule: fault_plan::draw(&faults, raw.seed),
         faults: faults.into(),
         stop,
+        rescue: raw.rescue,
         operator,
         is_beyond: raw.stall.is_none() && passage.is_beyond(&draft.patience.bounds),
         time_scale,

@@ -4,10 +4,13 @@ use crate::{LinkKind, Plan, hosts_summary};
 use metamorph_core::link::{ControllerLink, LinkModel};
 use metamorph_core::time::Time;
 use metamorph_kernel::director::faults::{Origin, Scheduled};
+use metamorph_kernel::director::rescue::Rescue;
 use metamorph_text::escape::Shown;
 use metamorph_text::format::{count, many};
 use std::fmt::Write;
 
+/// The number of the longest standstills for which a run should have time.
+const STANDSTILLS: u64 = 4;
 /// Largest number of faults listed; the rest is counted.
 const SHOWN_MAX: usize = 20;
 
@@ -33,15 +36,38 @@ fn write_all(out: &mut String, plan: &Plan) -> std::fmt::Result {
         "  ends      at {} at the latest; no move for {} is a deadlock, nothing new filled for {} a livelock",
         stop.timeout, stop.stall, stop.livelock
     )?;
+    if stop.timeout.since(Time::ZERO) < stop.stall * STANDSTILLS {
+        writeln!(
+            out,
+            "            that is soon: a swarm that stands still for a while may need longer; raise timeout in [stop], or leave it out"
+        )?;
+    }
     if plan.is_beyond {
         writeln!(
             out,
             "            messages are lost so often that a standstill may only be a wait; set stall in [stop] to be sure"
         )?;
     }
+    writeln!(out, "  rescue    {}", rescue(plan))?;
     write_faults(out, plan)?;
     writeln!(out)?;
     writeln!(out, "  run it with {}", plan.repeat_here())
+}
+
+/// Describes the help that the controller gives to a swarm that stands still.
+fn rescue(plan: &Plan) -> &'static str {
+    match plan.rescue {
+        _ if !plan.swarm.has_rescue() => {
+            "none: the controller does not help modules of this family that stand still"
+        }
+        Rescue::Off => "off: the controller does not help modules that stand still",
+        Rescue::Calls => {
+            "calls: if something is broken and modules stand still, the controller calls single ones"
+        }
+        Rescue::Plans => {
+            "plans: if something is broken and modules stand still, the controller calls single ones, then moves them by a plan"
+        }
+    }
 }
 
 fn write_link(out: &mut String, plan: &Plan) -> std::fmt::Result {

@@ -8,11 +8,13 @@ use super::family::{RawSwarm, SectionKind, Sections};
 use super::faults::{self, RawFault, Verb};
 use super::hosts::RawHosts;
 use super::operator::RawOperator;
+use super::rescue;
 use super::table::{Delay, Node, Section, delay, elements};
 use super::{LinkKind, Overrides};
 use metamorph_core::link::LinkModel;
 use metamorph_core::ratio::Ratio;
 use metamorph_core::time::{Span, Time};
+use metamorph_kernel::director::rescue::Rescue;
 use toml::de::DeTable;
 
 /// A link as written.
@@ -93,6 +95,8 @@ pub struct Raw {
     pub commands: Vec<RawCommands>,
     /// The operator.
     pub operator: Option<RawOperator>,
+    /// How far the controller helps a swarm that stands still.
+    pub rescue: Rescue,
     /// The time-out of the run.
     pub timeout: Option<At<Span>>,
     /// The bound for a standstill.
@@ -170,6 +174,9 @@ impl Raw {
                 diagnostics.add(place, ScenarioError::NotYet { what, instead });
             }
         }
+        if let Some(node) = top.node("controller") {
+            raw.rescue = rescue::read(node, diagnostics).unwrap_or_default();
+        }
         if let Some(node) = top.node("stop") {
             raw.read_stop(node, diagnostics);
         }
@@ -192,6 +199,7 @@ impl Raw {
             faults: Vec::new(),
             commands: Vec::new(),
             operator: None,
+            rescue: Rescue::default(),
             timeout: None,
             stall: None,
             livelock: None,

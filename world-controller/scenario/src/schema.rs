@@ -16,6 +16,7 @@ use super::hosts;
 use super::operator;
 use super::plan::{NEVER, TIME_SCALE};
 use super::raw::SEED;
+use super::rescue;
 use super::shapes::{AXES, PARTS, THIN, UPS, VOIDS};
 use super::table::default_of;
 use metamorph_core::lattice::Cell;
@@ -60,6 +61,7 @@ pub fn schema(families: Families) -> Value {
                 or(json!([]), json!({ "type": "array", "items": of("command") })),
             ),
             "operator": said("A scripted operator, or how much modules decide for themselves; if left out, no operator.", of("operator")),
+            "controller": or(json!({}), of("controller")),
             "stop": or(json!({}), of("stop")),
         },
         "$defs": definitions(families),
@@ -90,6 +92,7 @@ fn definitions(families: Families) -> Value {
         .chain(commands::schema())
         .chain(hosts::schema())
         .chain(controller_link::schema())
+        .chain(rescue::schema())
         .chain(operator::schema())
         .chain(shapes())
     {

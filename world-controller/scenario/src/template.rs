@@ -71,7 +71,7 @@ pub fn template(
     for wanted in ["version", "name", "description", "seed"] {
         out.keys(&reference.properties, &top, |key| key == wanted);
     }
-    for section in ["swarm", "goal", "protocol", "link", "process", "stop"] {
+    for section in ["swarm", "goal", "protocol", "link", "controller", "process", "stop"] {
         out.section(section, base.get(section));
     }
     out.faults(base.get("fault"));

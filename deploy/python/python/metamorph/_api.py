@@ -176,6 +176,14 @@ class Report:
         names = ("at_s", "fault", "module", "effect")
         return Table({name: [fault[name] for fault in self._fields["faults"]] for name in names})
 
+    @property
+    def standstill_table(self) -> Table:
+        """The standstills in the course of the run: since when, until when, what ended each, and the moves of called and of led
+        modules meanwhile."""
+        events = (self._fields["standstills"] or {"events": []})["events"]
+        names = ("since_s", "until_s", "ended_by", "called", "led", "reason")
+        return Table({name: [event[name] for event in events] for name in names})
+
     def plot(self, ax: Optional[Any] = None) -> Any:
         """Draws the messages sent by class. Returns the axes of matplotlib, which must be installed."""
         return _plot.bars(self.messages_by_class, ax)

@@ -13,6 +13,7 @@ use metamorph_sim_bridge::cube::bodies::{Check, CubeBodies};
 use metamorph_sim_bridge::cube::world::CubeWorld;
 use metamorph_sim_bridge::director::port::DirectorPort as _;
 use metamorph_sim_bridge::director::progress::Progress;
+use metamorph_sim_bridge::director::standstills::Standstills;
 use metamorph_sim_bridge::world::invariants::{Invariant, Violation};
 use metamorph_world_controller::family::generated::{Dice, GeneratedSwarm};
 use metamorph_world_controller::family::{ExploredFamily, FamilyParts, cube};
@@ -335,6 +336,7 @@ impl Runnable for PySwarm {
             crashed,
             restarted,
             stall: director.stall().cloned(),
+            standstills: Standstills::default(),
             snapshot: None,
             struck: director.struck().to_vec(),
             prevented: 0,

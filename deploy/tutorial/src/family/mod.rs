@@ -11,6 +11,7 @@ use metamorph_protocol::defects::Defect;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::director::progress::Progress;
+use metamorph_sim_bridge::director::standstills::Standstills;
 use metamorph_sim_bridge::kernel::still_world::StillWorld;
 use metamorph_sim_bridge::world::World;
 use metamorph_sim_bridge::world::invariants::Violation;
@@ -112,6 +113,7 @@ impl Runnable for Plate {
             crashed,
             restarted,
             stall: director.stall().cloned(),
+            standstills: Standstills::default(),
             snapshot: None,
             struck: metamorph_sim_bridge::director::port::DirectorPort::struck(director).to_vec(),
             prevented: 0,

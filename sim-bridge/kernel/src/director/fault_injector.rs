@@ -33,6 +33,15 @@ impl FaultInjector {
     pub fn new(schedule: Schedule) -> FaultInjector {
         FaultInjector { schedule, ..FaultInjector::default() }
     }
+    /// Returns the number of commands so far by which operators helped the swarm: those that are no faults.
+    pub fn commanded(&self) -> usize {
+        let helps = |record: &&FaultRecord| {
+            let is_fault =
+                matches!(record.fault, Fault::Kill(_) | Fault::Pause(_) | Fault::Stick(_) | Fault::Links(_));
+            matches!(record.by, Origin::Operator(_)) && !is_fault
+        };
+        self.struck.iter().filter(helps).count()
+    }
     /// Adds the faults of [`Commands`] to the schedule: all, or none if there is an error.
     ///
     /// # Errors

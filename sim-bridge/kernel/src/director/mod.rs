@@ -11,5 +11,7 @@ pub mod port;
 pub mod progress;
 pub mod proof;
 pub mod reason;
+pub mod rescue;
+pub mod standstills;
 pub mod steering;
 pub mod team;

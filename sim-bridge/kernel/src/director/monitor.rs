@@ -4,6 +4,8 @@ use crate::director::fault_injector::FaultInjector;
 use crate::director::faults::{Fault, FaultRecord, Schedule};
 use crate::director::outcome::{Outcome, Stall};
 use crate::director::progress::Stop;
+use crate::director::rescue::Help;
+use crate::director::standstills::{Look, Standstills};
 use metamorph_core::ids::ModuleId;
 use metamorph_core::runtime::Command;
 use metamorph_core::time::Time;
@@ -25,6 +27,7 @@ pub struct RunMonitor<O> {
     pub next_check: Time,
     /// Conflicts prevented in incarnations that have ended.
     pub prevented_before: u64,
+    standstills: Standstills,
     done: u64,
     outcome: Option<(Time, Outcome)>,
     stall: Option<Stall>,
@@ -54,6 +57,7 @@ impl<O> RunMonitor<O> {
             last_gain: Time::ZERO,
             next_check: Time::ZERO,
             prevented_before: 0,
+            standstills: Standstills::default(),
             done: 0,
             outcome: None,
             stall: None,
@@ -67,6 +71,10 @@ impl<O> RunMonitor<O> {
     /// Returns the standstill that ended the run, if one did.
     pub fn stall(&self) -> Option<&Stall> {
         self.stall.as_ref()
+    }
+    /// Returns the standstills so far, including those that did not end the run.
+    pub fn standstills(&self) -> &Standstills {
+        &self.standstills
     }
     /// Returns the effects of the faults so far.
     pub fn struck(&self) -> &[FaultRecord] {
@@ -123,9 +131,41 @@ impl<O> RunMonitor<O> {
             None
         }
     }
+    /// Looks if the swarm stands still: with `filled` parts of the goal reached, and this help of the controller so far. Returns
+    /// the time since which it does if that is noticed now; the caller then calls [`RunMonitor::begin_standstill`].
+    pub fn look(
+        &mut self,
+        now: Time,
+        standing: Standing,
+        filled: usize,
+        help: Help,
+        is_led: bool,
+    ) -> Option<Time> {
+        let Standing { is_planned, idle_since, no_gain_since, .. } = standing;
+        let (moves, commands) = (self.done, self.faults.commanded());
+        let look = Look { now, is_planned, idle_since, no_gain_since, moves, filled, help, is_led, commands };
+        self.standstills.look(look, self.stop.stall, self.stop.livelock)
+    }
+    /// Records a standstill that was noticed at the last look.
+    pub fn begin_standstill(&mut self, stall: Stall) {
+        self.standstills.begin(stall);
+    }
+    /// Takes note that a standstill, if there is one, is over because the controller moved the goal.
+    pub fn relocate_standstill(&mut self, now: Time) {
+        self.standstills.relocate(now);
+    }
+    /// Takes note that a standstill, if there is one, is over because another goal begins.
+    pub fn resolve_standstill(&mut self, now: Time) {
+        self.standstills.resolve(now);
+    }
+
     /// Ends the run, unless it has ended.
     pub fn finish(&mut self, now: Time, outcome: Outcome) {
         if self.outcome.is_none() {
+            match outcome {
+                Outcome::Built => self.standstills.resolve(now),
+                _ => self.standstills.close(),
+            }
             self.outcome = Some((now, outcome));
             self.commands.push_back(Command::Finish);
         }

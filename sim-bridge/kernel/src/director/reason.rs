@@ -92,6 +92,13 @@ pub const NO_ACTIVE_TARGET: Reason = Reason::new(
     "no active target: no live finalized module can start one of the unfilled goal cells",
 );
 
+/// The modules have brought themselves into a state from which the goal cannot be built.
+pub const SELF_BLOCKED: Reason = Reason::new(
+    "self-blocked",
+    Excuse::Never,
+    "self-blocked: where the last fault left the modules the goal could still be built, and now it cannot",
+);
+
 /// Why a free module does not continue, as far as it has reported: in words, after its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Why(pub &'static str);

@@ -9,6 +9,7 @@ use metamorph_kernel::director::outcome::{Objective, Outcome, Proof, Stall, Wait
 use metamorph_kernel::director::port::DirectorPort;
 use metamorph_kernel::director::progress::{Progress, Stage, Stop};
 use metamorph_kernel::director::reason::{Reason, Why};
+use metamorph_kernel::director::rescue::Help;
 use metamorph_kernel::world::World;
 use metamorph_protocol::free_module::reconfiguration::LatticeSetup;
 use metamorph_protocol::free_module::reconfiguration::message::{LatticeOrder, LatticeStatus};
@@ -169,6 +170,10 @@ impl FreeModuleDirector {
             idle_since,
             no_gain_since: self.monitor.last_gain.max(planned_until),
         };
+        if let Some(since) = self.monitor.look(now, standing, self.joined.1, Help::default(), false) {
+            let stall = self.explain(since);
+            self.monitor.begin_standstill(stall);
+        }
         if let Some(outcome) = self.monitor.verdict(now, standing) {
             let stall = self.explain(idle_since);
             self.monitor.give_up(now, outcome, stall);

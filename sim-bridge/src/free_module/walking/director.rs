@@ -14,6 +14,8 @@ use metamorph_kernel::director::monitor::{RunMonitor, Standing};
 use metamorph_kernel::director::outcome::{Objective, Outcome, Stall, Waiter};
 use metamorph_kernel::director::port::DirectorPort;
 use metamorph_kernel::director::progress::{Progress, Stage, Stop};
+use metamorph_kernel::director::reason::Reason;
+use metamorph_kernel::director::rescue::Help;
 use metamorph_protocol::free_module::gait::body::WalkStatus;
 use metamorph_protocol::free_module::gait::message::{Gait as GaitOrder, WalkOrder};
 use metamorph_protocol::free_module::oscillator::STEP;
@@ -352,14 +354,24 @@ impl WalkDirector {
             idle_since: last_moved.max(self.monitor.stop.planned_until),
             no_gain_since: last_fast.max(self.monitor.stop.planned_until),
         };
+        let is_fast = usize::from(self.fast_since.is_some());
+        if let Some(since) = self.monitor.look(now, standing, is_fast, Help::default(), false) {
+            let stall = self.explain(since, if since == standing.idle_since { STILL } else { SLOW });
+            self.monitor.begin_standstill(stall);
+        }
         let Some(outcome) = self.monitor.verdict(now, standing) else { return };
         let (reason, since) = match outcome {
             Outcome::Deadlock if standing.is_stranded => (NO_JOINT, last_moved),
             Outcome::Deadlock => (STILL, last_moved),
             _ => (SLOW, last_fast),
         };
+        let stall = self.explain(since, reason);
+        self.monitor.give_up(now, outcome, stall);
+    }
+
+    fn explain(&self, since: Time, reason: Reason) -> Stall {
         let waiting = self.members.dead().map(|module| Waiter { module, on: None, why: DEAD });
-        let stall = Stall {
+        Stall {
             since,
             reason,
             text: reason.text,
@@ -368,8 +380,7 @@ impl WalkDirector {
             waiting: waiting.collect(),
             detected: None,
             proof: None,
-        };
-        self.monitor.give_up(now, outcome, stall);
+        }
     }
 }
 

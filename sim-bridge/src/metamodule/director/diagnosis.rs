@@ -27,8 +27,8 @@ pub(super) struct Diagnosis<'a> {
 
 impl Diagnosis<'_> {
     /// Describes a standstill: the unfilled seeds, the waiting metamodules by the last refusal, and what is
-    /// proved.
-    pub fn explain(&self, since: Time) -> Stall {
+    /// proved. Without a search, nothing is proved.
+    pub fn explain(&self, since: Time, searches: bool) -> Stall {
         let View { setup, world, members, goal } = self.view;
         let unfilled = setup.goal(goal.task()).all().without(goal.filled());
         let free = self.view.movable().filter_map(|(id, known)| Some((id, known.status?)));
@@ -46,7 +46,7 @@ impl Diagnosis<'_> {
         let stays: BTreeSet<Cell> = self.view.foreign().into_iter().chain(stuck).collect();
         let negotiated = !setup.params.strategy.is_published();
         // While an element is not there, what fills seeds decides nothing.
-        let is_sought = negotiated && !goal.task().is_dropped && blocked.is_none();
+        let is_sought = searches && negotiated && !goal.task().is_dropped && blocked.is_none();
         let sought = if is_sought { search(&self.view.snapshot(), WORK) } else { SearchResult::Undecided };
         let proof = self.proof(&sought);
         // By precedence a metamodule also waits for one that is refused nothing and has no place to go to.

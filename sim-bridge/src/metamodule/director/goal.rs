@@ -8,6 +8,7 @@ use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::blueprint::{Seed, SeedOrder, SeedSet, Task};
 use metamorph_protocol::metamodule::message::Order;
 use metamorph_protocol::metamodule::params::{SeedAuthority, Setup};
+use metamorph_protocol::metamodule::planning::cooperative::Standstill;
 use metamorph_protocol::time::Time;
 use std::collections::VecDeque;
 
@@ -40,6 +41,8 @@ pub(super) struct Goal {
     stages: Vec<Stage>,
     /// The changes of the goal since its construction began.
     changes: Vec<GoalChange>,
+    /// The state in which the last fault left the metamodules, or the beginning of this task if that was later.
+    before: Option<Standstill>,
 }
 
 /// Creates the entry of a new goal. Its `known` stays `None`, since no agent counts the filled seeds.
@@ -56,6 +59,21 @@ impl Goal {
             scheduled: scheduled.into(),
             stages: vec![opened(setup, Task::default(), Time::ZERO)],
             changes: Vec::new(),
+            before: None,
+        }
+    }
+    /// Returns the state in which the last fault left the metamodules, or the beginning of this task if that was later.
+    pub fn before(&self) -> Option<&Standstill> {
+        self.before.as_ref()
+    }
+    /// Takes note that a fault has changed the state of the metamodules.
+    pub fn disturb(&mut self) {
+        self.before = None;
+    }
+    /// Takes note of the state of the metamodules, unless nothing has struck since the last time.
+    pub fn note_state(&mut self, state: impl FnOnce(&Goal) -> Standstill) {
+        if self.before.is_none() {
+            self.before = Some(state(self));
         }
     }
 

@@ -15,6 +15,7 @@ impl MetamoduleDirector {
     pub(super) fn inject(&mut self, now: Time, fault: Fault, world: &mut MetamoduleWorld) {
         // A fault or its end may resolve a standstill.
         self.monitor.last_action = now;
+        self.goal.disturb();
         let Some(id) = fault.module() else { return self.strike_cell(now, fault, world) };
         let (mut effect, rule) = (self.members.describe(id, world), self.rules().check(now, &fault));
         if let Err(rule) = &rule {

@@ -12,6 +12,7 @@ use metamorph_processes::family::{Family, all};
 use metamorph_protocol::rng::Rng;
 use metamorph_scenario::Plan;
 use metamorph_scenario::family::fault_keys;
+use metamorph_sim_bridge::director::rescue::Rescue;
 
 /// Largest number of attempts to draw a scenario that can be run; some are invalid, such as one with more goals than
 /// the floor has room for.
@@ -24,11 +25,13 @@ pub struct Drawn {
     pub family: Option<&'static dyn Family>,
     /// Swarms with passive elements only, of a family that has such. Of others they are drawn without.
     pub elements: bool,
+    /// The help of the controller; `None` if it is drawn.
+    pub rescue: Option<Rescue>,
 }
 
 impl From<Option<&'static dyn Family>> for Drawn {
     fn from(family: Option<&'static dyn Family>) -> Drawn {
-        Drawn { family, elements: false }
+        Drawn { family, ..Drawn::default() }
     }
 }
 
@@ -36,7 +39,8 @@ impl Drawn {
     /// Returns the options that draw the same.
     pub fn options(self) -> String {
         let family = self.family.map_or(String::new(), |f| format!(" --family {}", f.name()));
-        format!("{family}{}", if self.elements { " --elements" } else { "" })
+        let rescue = self.rescue.map_or(String::new(), |level| format!(" --rescue {level}"));
+        format!("{family}{}{rescue}", if self.elements { " --elements" } else { "" })
     }
 }
 
@@ -50,11 +54,14 @@ pub fn draw(seed: u64, which: impl Into<Drawn>) -> (GeneratedScenario, Plan) {
         let mut dice = Dice(Rng::named(seed, "explore", attempt));
         let family = family.unwrap_or_else(|| dice.pick(&drawn()));
         let elements = which.elements && family.has_elements();
-        if let Some(drawn) = complete(draft(&mut dice, seed, family, elements)) {
+        let mut draft = draft(&mut dice, seed, family, elements);
+        draft.rescue = which.rescue.unwrap_or(draft.rescue);
+        if let Some(drawn) = complete(draft) {
             return drawn;
         }
     }
-    complete(GeneratedScenario { seed, ..smallest(family.unwrap_or(all()[0])) })
+    let rescue = which.rescue.unwrap_or_default();
+    complete(GeneratedScenario { seed, rescue, ..smallest(family.unwrap_or(all()[0])) })
         .expect("invariant: the smallest scenario can be read, whatever its seed")
 }
 
@@ -82,8 +89,19 @@ fn smallest(family: &dyn Family) -> GeneratedScenario {
         failed_connections: 0,
         link: GeneratedLink { delay: (10, 100), ..GeneratedLink::default() },
         faults: Vec::new(),
+        rescue: Rescue::default(),
         patience: None,
     }
+}
+
+/// Number of the first seed for which the help of the controller is drawn. With smaller seeds it is the default.
+const RESCUE_FROM: u64 = 1 << 39;
+
+fn rescue(seed: u64) -> Rescue {
+    if seed < RESCUE_FROM {
+        return Rescue::default();
+    }
+    Rescue::ALL[Rng::named(seed, "explore, rescue", 0).below(Rescue::ALL.len() as u64) as usize]
 }
 
 /// Number of the first seed that may draw permanent impairments. Smaller seeds draw the same scenarios as before these
@@ -106,6 +124,7 @@ fn draft(dice: &mut Dice, seed: u64, family: &dyn Family, elements: bool) -> Gen
         failed_connections: 0,
         link: link(dice),
         faults: Vec::new(),
+        rescue: rescue(seed),
         patience: None,
     };
     if !dice.once_in(6) {
@@ -236,6 +255,22 @@ mod tests {
             texts.insert(draft.to_string());
         }
         assert_eq!(texts.len(), 60);
+    }
+
+    /// All levels of help are drawn, for large seeds only, and an option decides for all.
+    #[test]
+    fn the_help_of_the_controller_is_drawn() {
+        let drawn = |from: u64, which: Drawn| -> BTreeSet<Rescue> {
+            (from..from + 20).map(|seed| draw(seed, which).1.rescue).collect()
+        };
+        let cubes = Drawn::from(Some(all()[0]));
+        assert_eq!(drawn(0, cubes), BTreeSet::from([Rescue::Plans]));
+        assert_eq!(drawn(RESCUE_FROM, cubes), BTreeSet::from(Rescue::ALL));
+        for level in Rescue::ALL {
+            let chosen = Drawn { rescue: Some(level), ..cubes };
+            assert_eq!(drawn(0, chosen), BTreeSet::from([level]));
+            assert!(chosen.options().ends_with(&format!("--rescue {level}")));
+        }
     }
 
     /// Permanent impairments are drawn, with the bounds that follow from them, and smaller seeds draw none.

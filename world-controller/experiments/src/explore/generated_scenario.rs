@@ -13,6 +13,7 @@ use metamorph_scenario::diagnostics::Diagnostics;
 use metamorph_scenario::{LinkKind, Overrides, Plan};
 use metamorph_sim_bridge::director::faults::Fault;
 use metamorph_sim_bridge::director::link_faults::LinkFault;
+use metamorph_sim_bridge::director::rescue::Rescue;
 use metamorph_sim_bridge::director::steering::Steering;
 use std::fmt;
 
@@ -31,6 +32,8 @@ pub struct GeneratedScenario {
     pub link: GeneratedLink,
     /// The faults.
     pub faults: Vec<GeneratedFault>,
+    /// The help of the controller for modules that stand still.
+    pub rescue: Rescue,
     /// The bounds for a standstill and for moves without progress, in seconds; `None` for the defaults.
     pub patience: Option<(u64, u64)>,
 }
@@ -212,6 +215,9 @@ impl fmt::Display for GeneratedScenario {
         }
         if let Some(until) = until {
             writeln!(f, "until = \"{}\"", Span::millis(until))?;
+        }
+        if self.rescue != Rescue::default() {
+            writeln!(f, "\n[controller]\nrescue = \"{}\"", self.rescue)?;
         }
         self.faults.iter().try_for_each(|fault| fault.fmt(f))?;
         match self.patience {

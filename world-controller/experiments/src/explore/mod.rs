@@ -120,6 +120,10 @@ pub struct Ran {
     pub marks: CoveragePoints,
     /// Messages delivered to agents, plus messages between agents, bodies and the controller.
     pub events: u64,
+    /// Standstills in the course of the run.
+    pub standstills: u64,
+    /// Standstills that the controller resolved.
+    pub rescued: u64,
     /// Moves completed.
     pub moves: u64,
     /// Messages sent.
@@ -144,6 +148,8 @@ pub fn run(plan: &Plan, stop: &dyn Fn() -> bool) -> Option<Ran> {
             could: None,
             outcome: None,
             marks,
+            standstills: 0,
+            rescued: 0,
             events: 0,
             moves: 0,
             messages: 0,
@@ -160,6 +166,8 @@ pub fn run(plan: &Plan, stop: &dyn Fn() -> bool) -> Option<Ran> {
             outcome,
             marks,
             events: report.messages.all.delivered + report.body_messages,
+            standstills: report.standstills.as_ref().map_or(0, |all| all.count),
+            rescued: report.standstills.as_ref().map_or(0, |all| all.rescued),
             moves: report.moves,
             messages: report.messages.total,
         }

@@ -14,7 +14,7 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 /// The version of the layout of [`Summary`].
-pub const SCHEMA: u32 = 5;
+pub const SCHEMA: u32 = 6;
 /// Largest number of seeds listed per group of similar runs.
 const SEEDS_LISTED_MAX: usize = 20;
 
@@ -73,6 +73,9 @@ pub struct Tallies {
     could: Could,
     outcomes: BTreeMap<&'static str, u64>,
     infeasible: BTreeMap<RuleSet, u64>,
+    unrescued: u64,
+    standstills: u64,
+    rescued: u64,
     undecided: BTreeMap<String, Undecided>,
     failures: BTreeMap<(Kind, String), Failures>,
     marks: BTreeMap<CoveragePoint, u64>,
@@ -85,6 +88,8 @@ impl Tallies {
         self.events += ran.events;
         self.moves += ran.moves;
         self.messages += ran.messages;
+        self.standstills += ran.standstills;
+        self.rescued += ran.rescued;
         *self.outcomes.entry(ran.outcome.map_or("panic", |o| o.name())).or_default() += 1;
         for mark in CoveragePoint::ALL.iter().filter(|m| ran.marks.has(**m)) {
             *self.marks.entry(*mark).or_default() += 1;
@@ -94,6 +99,7 @@ impl Tallies {
         match &ran.verdict {
             Verdict::Built => self.could.built += 1,
             Verdict::Infeasible(within) => *self.infeasible.entry(*within).or_default() += 1,
+            Verdict::Unrescued => self.unrescued += 1,
             Verdict::Excused(reason) => self.note_undecided(reason, ran.reason, number),
             Verdict::Failed(failure) => {
                 let first = Failures { count: 0, first: Vec::new(), what: failure.what.clone() };
@@ -155,6 +161,13 @@ pub struct Summary {
     /// Buildable runs that were not built because the protocol keeps a rule; a search proved that no plan
     /// exists within it.
     pub rules: Vec<Rule>,
+    /// Runs that were not built although a plan was left, and in which the controller was not allowed to carry one out
+    /// (`rescue`). No failures.
+    pub unrescued: u64,
+    /// Standstills in the course of all runs.
+    pub standstills: u64,
+    /// Standstills that the controller resolved.
+    pub rescued: u64,
     /// Runs that no protocol could have built, as a search proved.
     pub impossible: u64,
     /// Runs for which no search decided whether they were buildable, by the reason of the standstill.
@@ -225,6 +238,9 @@ impl Summary {
             could: tallies.could,
             failed,
             rules,
+            unrescued: tallies.unrescued,
+            standstills: tallies.standstills,
+            rescued: tallies.rescued,
             impossible,
             undecided: tallies.undecided,
             outcomes: tallies.outcomes,
@@ -269,6 +285,17 @@ fn write_shares(out: &mut String, summary: &Summary) -> std::fmt::Result {
         for rule in &summary.rules {
             line(out, rule.runs, rule.text)?;
         }
+    }
+    if summary.unrescued > 0 {
+        let runs = count(summary.unrescued);
+        writeln!(
+            out,
+            "  {runs} stood still with a plan left that the controller was not allowed to carry out (rescue)"
+        )?;
+    }
+    if summary.standstills > 0 {
+        let (all, rescued) = (many(summary.standstills, "standstill"), count(summary.rescued));
+        writeln!(out, "  {all} in all runs, of which the controller resolved {rescued}")?;
     }
     if summary.impossible > 0 {
         writeln!(out, "  {} that no robot could build, proved", count(summary.impossible))?;
@@ -364,6 +391,8 @@ mod tests {
             verdict,
             outcome: Some(outcome),
             marks,
+            standstills: 2,
+            rescued: 1,
             events: 1,
             moves: 600,
             messages: 0,
@@ -382,6 +411,7 @@ mod tests {
             (Outcome::Deadlock, Verdict::Infeasible(RuleSet::Carried)),
             (Outcome::Deadlock, Verdict::Infeasible(RuleSet::Carried)),
             (Outcome::Deadlock, Verdict::Infeasible(RuleSet::Anything)),
+            (Outcome::Deadlock, Verdict::Unrescued),
             (Outcome::Deadlock, Verdict::Excused("no-lock".into())),
             (Outcome::Deadlock, stuck(Kind::Undecided("blocked".into()))),
             (Outcome::Deadlock, stuck(Kind::Stuck("blocked".into()))),
@@ -393,22 +423,25 @@ mod tests {
         let summary = Summary::new(10, None, tallies, Vec::new());
         let Could { built, of, undecided } = summary.could;
         assert_eq!((summary.runs, summary.failed), (runs, 2));
-        assert_eq!((built, of, undecided), (2, 4, 4));
+        assert_eq!((built, of, undecided), (2, 4, 5));
         assert_eq!((summary.impossible, summary.undecided.len()), (1, 2));
         let excused: u64 = summary.rules.iter().map(|r| r.runs).sum();
         let undecided: u64 = summary.undecided.values().map(|u| u.runs).sum();
         // One of the two failures is undecided.
-        assert_eq!(built + excused + summary.impossible + undecided + summary.failed - 1, runs);
+        let unbuilt = excused + summary.unrescued + summary.impossible + undecided + summary.failed;
+        assert_eq!(built + unbuilt - 1, runs);
         let text = text(&summary, Paint::PLAIN);
         for part in [
-            "9 runs from seed 10: 2 failed",
-            "built 2 of 4 that any robot could have built (4 undecided)",
+            "10 runs from seed 10: 2 failed",
+            "built 2 of 4 that any robot could have built (5 undecided)",
             "3 not built because a rule",
             "2  walkers carry no other module",
+            "1 stood still with a plan left",
+            "20 standstills in all runs, of which the controller resolved 10",
             "1 that no robot could build",
             "2 undecided:",
-            "seeds 17 16",
-            "9 events, 5,400 moves, 0 messages",
+            "seeds 18 17",
+            "10 events, 6,000 moves, 0 messages",
         ] {
             assert!(text.contains(part), "{part}: {text}");
         }

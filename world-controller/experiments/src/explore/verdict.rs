@@ -4,7 +4,8 @@ use metamorph_report::run_result::{Question, RunResult};
 use metamorph_report::schema::Report;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::proof::{Found, RuleSet};
-use metamorph_sim_bridge::director::reason::{Excuse, Proves};
+use metamorph_sim_bridge::director::reason::{Excuse, Proves, SELF_BLOCKED};
+use metamorph_sim_bridge::director::rescue::Rescue;
 use serde::Serialize;
 use std::fmt;
 
@@ -18,6 +19,8 @@ pub enum Verdict {
     /// The goal was not built for a reason that excuses the protocol, although no search proved it
     /// impossible.
     Excused(String),
+    /// The goal was not built although a plan was left, and the controller was not allowed to carry one out.
+    Unrescued,
     /// The run failed.
     Failed(Failure),
 }
@@ -117,11 +120,22 @@ pub fn judge(report: &Report, ran: &RunResult) -> Verdict {
     let not_here = reason.is_some_and(|reason| reason.proves == Proves::NotHere);
     let searched = question.map_or(Err(Found::Undecided), |q| q.judge(not_here));
     let reason = stall.reason.clone();
+    // What the controller may not resolve shows what the local protocol does by itself. A swarm in which nothing is broken gets
+    // no help at any level.
+    let level = report.standstills.as_ref().map_or("", |standstills| standstills.rescue.as_str());
+    let is_alone = !whole && [Rescue::Off, Rescue::Calls].iter().any(|alone| alone.name() == level);
     let (kind, way) = match searched {
+        Err(Found::Way(_)) if is_alone => return Verdict::Unrescued,
         Err(Found::Way(moves)) => (Kind::Stuck(reason), format!(", with a plan of {moves} moves")),
         _ if whole => (Kind::Stuck(reason), ", with nothing broken".into()),
-        Ok(within) => return Verdict::Infeasible(within),
-        _ if excused => return Verdict::Excused(reason),
+        Ok(within) => match question.filter(|_| within >= RuleSet::Grown).and_then(Question::plan_before) {
+            None => return Verdict::Infeasible(within),
+            Some(moves) => {
+                let way = format!(", with a plan of {moves} moves where the last fault left the modules");
+                (Kind::Stuck(SELF_BLOCKED.name.to_owned()), way)
+            }
+        },
+        _ if excused || is_alone => return Verdict::Excused(reason),
         _ => (Kind::Undecided(reason), String::new()),
     };
     let what = format!(

@@ -30,7 +30,13 @@ pub struct Row {
     pub moves: u64,
     /// Steps of joints; for metamodules only.
     pub turns: Option<u64>,
-    /// Moves of cubes that the controller led, because nothing else helped.
+    /// Standstills in the course of the run.
+    pub standstills: u64,
+    /// Standstills that the controller resolved.
+    pub rescued: u64,
+    /// Moves of cubes that the controller called.
+    pub called: u64,
+    /// Moves that the controller led by a plan.
     pub led: u64,
     /// Attempts to use one cell twice that negotiation prevented.
     pub collisions_prevented: u64,
@@ -68,7 +74,7 @@ pub struct Row {
 
 impl Row {
     /// The names of the columns.
-    pub const COLUMNS: [&str; 24] = [
+    pub const COLUMNS: [&str; 27] = [
         "seed",
         "outcome",
         "reason",
@@ -76,6 +82,9 @@ impl Row {
         "cells",
         "moves",
         "turns",
+        "standstills",
+        "rescued",
+        "called",
         "led",
         "collisions_prevented",
         "collisions_refused",
@@ -115,6 +124,9 @@ impl Row {
             cells: report.goal.cells,
             moves: report.moves,
             turns: report.family_text.joint_steps,
+            standstills: report.standstills.as_ref().map_or(0, |s| s.count),
+            rescued: report.standstills.as_ref().map_or(0, |s| s.rescued),
+            called: report.move_details.called,
             led: report.move_details.led,
             collisions_prevented: report.collisions.prevented,
             collisions_refused: report.collisions.refused,

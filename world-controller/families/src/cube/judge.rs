@@ -15,38 +15,51 @@ const ARRANGEMENTS: (usize, usize) = (20_000, 200);
 const ARRANGEMENTS_MAX: usize = 20_000;
 
 /// A standstill of cubes, as a question to the search.
-pub struct CubeQuestion(pub StandstillSnapshot);
+pub struct CubeQuestion {
+    /// The present state.
+    pub now: StandstillSnapshot,
+    /// The state in which the last fault left the modules.
+    pub before: Option<StandstillSnapshot>,
+}
 
 impl Question for CubeQuestion {
     fn prospect(&self) -> Prospect {
-        let bound = (EFFORT / self.0.modules.len().max(1)).min(ARRANGEMENTS.0);
+        let bound = (EFFORT / self.now.modules.len().max(1)).min(ARRANGEMENTS.0);
         if bound < ARRANGEMENTS.1 {
             return Prospect::UNDECIDED;
         }
-        let held = search(&self.0, RuleSet::Held, bound);
+        let held = search(&self.now, RuleSet::Held, bound);
         let found = match held {
             // A plan within the protocol's own rules is a plan within all wider rules.
             Found::Way(_) => held,
-            _ => search(&self.0, RuleSet::Carried, bound),
+            _ => search(&self.now, RuleSet::Carried, bound),
         };
         let proved = matches!(held, Found::Impossible(_)).then_some(RuleSet::Held);
         match found {
-            Found::Way(moves) => Prospect { possible: Possible::Yes(moves), within: proved },
-            Found::Undecided => Prospect { possible: Possible::Undecided, within: proved },
+            Found::Way(moves) => Prospect::new(Possible::Yes(moves), proved),
+            Found::Undecided => Prospect::new(Possible::Undecided, proved),
             Found::Impossible(_) => {
-                let widest = widest_proof(&self.0, bound).unwrap_or(RuleSet::Carried);
-                Prospect { possible: Possible::No, within: Some(widest.max(RuleSet::Carried)) }
+                let widest = widest_proof(&self.now, bound).unwrap_or(RuleSet::Carried);
+                Prospect::new(Possible::No, Some(widest.max(RuleSet::Carried)))
             }
         }
     }
     fn judge(&self, _: bool) -> Result<RuleSet, Found> {
-        widest_proof(&self.0, ARRANGEMENTS_MAX)
+        widest_proof(&self.now, ARRANGEMENTS_MAX)
     }
     fn could_be_built(&self) -> Option<bool> {
-        match search(&self.0, RuleSet::Anything, ARRANGEMENTS_MAX) {
+        match search(&self.now, RuleSet::Anything, ARRANGEMENTS_MAX) {
             Found::Way(_) => Some(true),
             Found::Impossible(_) => Some(false),
             Found::Undecided => None,
+        }
+    }
+    fn plan_before(&self) -> Option<usize> {
+        let before = self.before.as_ref()?;
+        let bound = (EFFORT / before.modules.len().max(1)).min(ARRANGEMENTS.0);
+        match search(before, RuleSet::Grown, bound) {
+            Found::Way(moves) => Some(moves),
+            Found::Impossible(_) | Found::Undecided => None,
         }
     }
     fn blames_whole_modules(&self) -> bool {
@@ -90,13 +103,14 @@ mod tests {
             pinned: pinned && !finalized,
             unattached: false,
         };
-        CubeQuestion(StandstillSnapshot {
+        let now = StandstillSnapshot {
             modules: vec![module(0, 0, true), module(1, 0, true), module(1, 1, false)],
             goal: (0..3).map(|x| Cell::new(x, 0, 0)).collect(),
             seed: Cell::new(0, 0, 0),
             filled: 2,
             spared_by_live: false,
-        })
+        };
+        CubeQuestion { now, before: None }
     }
 
     #[test]
@@ -110,9 +124,9 @@ mod tests {
     #[test]
     fn what_is_possible_is_not_called_impossible_whatever_the_reason() {
         let found = Prospect::of(&stall(NO_PATH), Some(&snapshot(false, false)));
-        assert!(matches!(found, Prospect { possible: Possible::Yes(_), within: None }), "{found:?}");
+        assert!(matches!(found, Prospect { possible: Possible::Yes(_), within: None, .. }), "{found:?}");
         let found = Prospect::of(&stall(NO_PATH), Some(&snapshot(false, true)));
-        assert_eq!(found, Prospect { possible: Possible::No, within: Some(RuleSet::Anything) });
+        assert_eq!(found, Prospect::new(Possible::No, Some(RuleSet::Anything)));
         assert_eq!(Prospect::of(&stall(NO_PATH), None), Prospect::UNDECIDED);
     }
 }

@@ -109,6 +109,9 @@ impl SwarmPlan for Cubes {
         Arc::make_mut(&mut swarm.setup).params.defect = defect;
         Swarm::new(swarm)
     }
+    fn has_rescue(&self) -> bool {
+        true
+    }
     fn steering(&self) -> &'static [&'static str] {
         &["goto", "hold", "release"]
     }

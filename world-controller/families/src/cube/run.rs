@@ -25,6 +25,7 @@ pub fn move_report(motions: &MotionCounts) -> MoveReport {
         refused_late: motions.late,
         refused_stale: motions.stale,
         refused_impossible: 0,
+        called: 0,
         led: 0,
     }
 }
@@ -41,7 +42,7 @@ impl Runnable for Cubes {
     }
     fn director(&self, plan: &Plan) -> Director {
         let (setup, schedule) = (Arc::clone(&self.setup), plan.schedule.clone());
-        Director::new(setup, self.cells.len(), schedule, plan.stop, plan.failure)
+        Director::new(setup, self.cells.len(), schedule, plan.stop, plan.failure, plan.rescue)
     }
     fn time_step(&self) -> Span {
         self.setup.params.move_time
@@ -54,21 +55,23 @@ impl Runnable for Cubes {
     }
     fn account(&self, plan: &Plan, director: &Director, world: &CubeWorld) -> RunResult {
         let (crashed, restarted) = director.monitor().crashed_and_restarted();
-        let motions = world.motions();
+        let (motions, help) = (world.motions(), director.help(world));
         RunResult {
             ended: director.monitor().outcome(),
             progress: director.progress(),
             crashed,
             restarted,
             stall: director.monitor().stall().cloned(),
+            standstills: director.monitor().standstills().clone(),
             snapshot: director
                 .monitor()
                 .stall()
-                .map(|_| Box::new(CubeQuestion(director.snapshot(world))) as _),
+                .map(|_| CubeQuestion { now: director.snapshot(world), before: director.before().cloned() })
+                .map(|question| Box::new(question) as _),
             struck: director.monitor().struck().to_vec(),
             prevented: director.prevented(),
             stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),
-            bodies: MoveReport { led: director.led(), ..move_report(&motions) },
+            bodies: MoveReport { called: help.called, led: help.led, ..move_report(&motions) },
             moves: motions.completed,
             operator: None,
             family_part: None,

@@ -59,7 +59,8 @@ impl Runnable for FreeModules {
             refused_late: counts.late,
             refused_stale: counts.stale,
             refused_impossible: counts.impossible,
-            led: 0,
+            called: 0,
+            led: counts.attached,
         };
         let report = FreeModuleReport {
             body: BODY.to_owned(),
@@ -86,6 +87,7 @@ impl Runnable for FreeModules {
             crashed,
             restarted,
             stall: director.monitor().stall().cloned(),
+            standstills: director.monitor().standstills().clone(),
             snapshot: None,
             struck: director.monitor().struck().to_vec(),
             prevented: director.prevented(),

@@ -122,7 +122,8 @@ impl Runnable for Metamodules {
             refused_late: action_counts.late,
             refused_stale: action_counts.stale,
             refused_impossible: action_counts.impossible,
-            led: 0,
+            called: 0,
+            led: if director.plan_counts().is_some() { action_counts.moves } else { 0 },
         };
         RunResult {
             ended: director.monitor().outcome(),
@@ -130,12 +131,17 @@ impl Runnable for Metamodules {
             crashed,
             restarted,
             stall: director.monitor().stall().cloned(),
+            standstills: director.monitor().standstills().clone(),
             // The search knows no elements: while one is left, it cannot say what could still be built.
             snapshot: director
                 .monitor()
                 .stall()
                 .filter(|_| !director.has_elements_left(world) && !director.task().is_dropped)
-                .map(|_| Box::new(MetamoduleQuestion(director.snapshot(world))) as _),
+                .map(|_| MetamoduleQuestion {
+                    now: director.snapshot(world),
+                    before: director.before().cloned(),
+                })
+                .map(|question| Box::new(question) as _),
             struck: director.monitor().struck().to_vec(),
             prevented: director.prevented(),
             stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),

@@ -19,7 +19,7 @@ use metamorph_module_agent::journal_file::{Head, Parts, Reader, RunId, controlle
 use metamorph_module_agent::most_neighbours;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::record::Outside;
+use metamorph_protocol::record::{Outside, Record, Sink};
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
 use metamorph_report::schema::Report;
@@ -30,7 +30,7 @@ use metamorph_sim_bridge::director::faults::FaultRecord;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::director::progress::Progress;
-use metamorph_sim_bridge::kernel::recording::{RecordedDirector, RecordedWorld};
+use metamorph_sim_bridge::kernel::recording::{Log, RecordedDirector, RecordedWorld};
 use metamorph_sim_bridge::kernel::state::world_hash;
 use metamorph_sim_bridge::world::World;
 use metamorph_text::command_error::{CommandError, DAMAGED, FAILED};
@@ -38,8 +38,8 @@ use metamorph_text::escape::Shown;
 use metamorph_text::format::{many, seconds};
 use metamorph_text::progress::Status;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use thiserror::Error;
 
@@ -168,10 +168,18 @@ fn options<R: Runnable>(swarm: &R, plan: &Plan, parts: Option<&Parts>) -> Result
     })
 }
 
+/// The records of a run that has no journal and no page.
+struct Forgotten;
+
+impl Sink for Forgotten {
+    fn put(&mut self, _: &Record) {}
+    fn commit(&mut self) {}
+}
+
 /// Runs the plan until the run is over or a signal asks it to end.
 pub fn run<R: Runnable>(swarm: &R, plan: &Plan, processes: Processes<'_>) -> Result<Report, ProcessError> {
     let Processes { live, since, keeping, patience, hosts, page } = processes;
-    let mut world = swarm.world(plan);
+    let world = swarm.world(plan);
     let mut options = options(swarm, plan, keeping.as_ref().and_then(JournalSession::parts))?;
     (options.control, options.shutdown) = (page.control, page.shutdown);
     if let Some(HostsFile { addresses, keys, clock_error, timing, .. }) = hosts {
@@ -180,25 +188,23 @@ pub fn run<R: Runnable>(swarm: &R, plan: &Plan, processes: Processes<'_>) -> Res
     }
     options.patience = if keeping.is_some() { patience } else { Duration::ZERO };
     let brain = swarm.director(plan);
-    let mut director =
+    let director =
         Watched::<R> { brain, plan, live, meter: Meter::new(&options), share: Arc::clone(&options.share) };
     tracing::info!(modules = world.len(), seed = plan.seed, "the swarm starts");
     let before = since.elapsed();
     let setup = swarm.setup().as_ref();
-    let outcome = match both(keeping.as_ref().map(JournalSession::log), page.scribe) {
-        None => run_swarm(&options, setup, &mut world, &mut director)?,
-        Some(log) => {
-            let mut recorded = RecordedWorld::new(world, log.clone());
-            let mut brain = RecordedDirector::new(director, log);
-            let ran = run_swarm(&options, setup, &mut recorded, &mut brain);
-            let give_up = |_: &SwarmError| keeping.iter().for_each(JournalSession::give_up);
-            let outcome = ran.inspect_err(give_up)?;
-            (world, director) = (recorded.into_inner(), brain.into_inner());
-            outcome
-        }
-    };
-    director.live.clear();
-    Ok(conclude(swarm, plan, world, director.brain, &outcome, before, keeping, Vec::new()))
+    // A controller without a journal records to nothing: a second controller for each family would take long to compile, and what
+    // recording costs is little beside a message between processes.
+    let log = both(keeping.as_ref().map(JournalSession::log), page.scribe);
+    let log = log.unwrap_or_else(|| Log::new(Arc::new(Mutex::new(Forgotten))));
+    let mut recorded = RecordedWorld::new(world, log.clone());
+    let mut brain = RecordedDirector::new(director, log);
+    let ran = run_swarm(&options, setup, &mut recorded, &mut brain);
+    let give_up = |_: &SwarmError| keeping.iter().for_each(JournalSession::give_up);
+    let outcome = ran.inspect_err(give_up)?;
+    let Watched { brain, live, .. } = brain.into_inner();
+    live.clear();
+    Ok(conclude(swarm, plan, recorded.into_inner(), brain, &outcome, before, keeping, Vec::new()))
 }
 
 /// Resumes a run from its journal.
@@ -218,6 +224,9 @@ pub fn resume<R: Runnable>(
         None => adopt(&parts, build())?,
     };
     let recovered = recover(swarm, plan, part.by_ref())?;
+    if elsewhere.is_none() && plan.link.hosts.is_none() {
+        adopted.find_one(recovered.agents.iter().map(|agent| (agent.id, agent.incarnation)))?;
+    }
     let Recovered { world, director, struck, until, agents, latest, restarting, finishing, links, counted } =
         recovered;
     let what =
@@ -271,13 +280,14 @@ fn conclude<R: Runnable>(
     let neighbours = most_neighbours::<<R::World as World>::Agent>(world.len());
     violations.extend(unbalanced(outcome, neighbours, plan.link.is_transparent()));
     let account = swarm.account(plan, &brain, &world);
-    let mut notes = [said, notes(outcome)].concat();
+    let (mut notes, mut incomplete) = ([said, notes(outcome)].concat(), None);
     if let Some(keeping) = keeping {
         let ended = account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome);
         let SwarmOutcome { end, tally, accounts, unrecorded, .. } = outcome;
-        notes.extend(keeping.finish(*end, ended.name(), tally, accounts, *unrecorded));
+        incomplete = keeping.finish(*end, ended.name(), tally, accounts, *unrecorded);
+        notes.extend(incomplete.clone());
     }
-    report(&Facts {
+    let report = report(&Facts {
         plan,
         account,
         time_step: swarm.time_step(),
@@ -300,8 +310,10 @@ fn conclude<R: Runnable>(
         agents_hash: None,
         world_hash: world_hash(&world),
         search: true,
+        machine_fault: outcome.machine_fault.clone(),
         notes,
-    })
+    });
+    Report { incomplete_journal: incomplete, ..report }
 }
 
 /// Converts the time scale; thousandths are precise enough, and the plan limits the range.
@@ -319,7 +331,7 @@ fn notes(outcome: &SwarmOutcome) -> Vec<String> {
         format!("module {} {} at {at} without an order{said}", c.id, c.how)
     };
     let mut notes: Vec<String> =
-        outcome.shortage.iter().map(|why| format!("the run was ended early: {why}")).collect();
+        outcome.machine_fault.iter().map(|why| format!("the run was ended early: {why}")).collect();
     notes.extend(outcome.crashes.iter().map(crash));
     notes.extend(
         outcome.missing_counters.iter().map(|why| format!("messages are missing from the counts: {why}")),

@@ -37,8 +37,10 @@ pub fn simulate(plan: &Plan, simulation: Simulation<'_>) -> (Report, RunResult) 
         Some(queue) => under_control(&mut *run, plan.time_scale, watch, &mut queue.lock()),
     }
     let finish = |k: JournalSession| k.finish(run.now(), run.outcome().name(), run.tally(), &[], 0);
-    let notes = keeping.map(finish).unwrap_or_default();
-    conclude(&*run, search, notes)
+    let incomplete = keeping.and_then(finish);
+    let (mut report, ran) = conclude(&*run, search, incomplete.clone().into_iter().collect());
+    report.incomplete_journal = incomplete;
+    (report, ran)
 }
 
 /// Runs to the end at the pace of the process link, and takes commands meanwhile.

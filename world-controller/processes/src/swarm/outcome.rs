@@ -82,10 +82,10 @@ pub struct SwarmOutcome {
     pub accounts: Vec<(ModuleId, Incarnation, Tally)>,
     /// Number of records that agents could not write to the journal.
     pub unrecorded: u64,
-    /// True if a shutdown was asked for, or shared memory ran short, before the director had finished.
+    /// True if a shutdown was asked for, or the machine failed, before the director had finished.
     pub interrupted: bool,
-    /// Why the swarm was ended early, if shared memory ran short.
-    pub shortage: Option<String>,
+    /// Why the swarm was ended early, if the machine took away what it needs.
+    pub machine_fault: Option<String>,
     /// Messages that crossed between hosts; empty if there is only one host.
     pub crossings: Crossings,
 }

@@ -5,9 +5,12 @@ use super::hosts::{FleetError, HostsFile, Succession};
 use super::process::ControlMessage;
 use super::run_dir::{RunDir, RunDirError};
 use metamorph_module_agent::clock::monotonic;
+use metamorph_module_agent::pid_file;
 use metamorph_module_agent::regular_file;
 use metamorph_module_agent::run_dir::controller_lease::make_resumable;
+use metamorph_module_agent::run_dir::identity::Identity;
 use metamorph_module_agent::run_dir::run_name::{RunName, RunNameError};
+use metamorph_module_agent::transport::AgentKey;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::link::LinkChanges;
@@ -41,6 +44,11 @@ pub enum NotResumable {
         "{0} holds nothing about other hosts, so all modules were lost with the controller's machine\n  fix: run the scenario again"
     )]
     NothingElsewhere(PathBuf),
+    /// No agent of the run is alive.
+    #[error(
+        "none of the {0} agents of the run is there any more: they were killed, or had waited in vain for a controller\n  fix: run the scenario again; the journal is as it was"
+    )]
+    NobodyThere(usize),
     /// Another controller has taken over.
     #[error("{0} is locked: another controller has taken over the run\n  fix: wait for its end")]
     Taken(PathBuf),
@@ -144,6 +152,26 @@ pub fn adopt_elsewhere(parts: &Path, build: u64, hosts: &HostsFile) -> Result<Ad
     let begin = write_run(parts, dir.root(), epoch).and_then(|()| make_resumable(dir.root()));
     begin.map_err(|e| RunDirError::Create(parts.to_owned(), e))?;
     Ok(Adopted { dir, epoch, lock: Some(lock) })
+}
+
+impl Adopted {
+    /// Finds one of these agents that is alive.
+    ///
+    /// # Errors
+    /// If none is.
+    pub fn find_one(&self, agents: impl Iterator<Item = AgentKey>) -> Result<(), NotResumable> {
+        let is_alive = |(id, incarnation): &AgentKey| {
+            let identity = fs::read_to_string(pid_file(self.dir.root(), *id, *incarnation)).ok();
+            identity
+                .and_then(|text| text.parse::<Identity>().ok())
+                .is_some_and(|identity| identity.is_alive())
+        };
+        let agents: Vec<AgentKey> = agents.collect();
+        match agents.iter().any(is_alive) || agents.is_empty() {
+            true => Ok(()),
+            false => Err(NotResumable::NobodyThere(agents.len())),
+        }
+    }
 }
 
 /// The counts of the controller itself.

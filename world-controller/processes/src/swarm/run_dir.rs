@@ -100,7 +100,7 @@ static RUNS: AtomicU64 = AtomicU64::new(0);
 pub struct RunDir {
     name: RunName,
     root: PathBuf,
-    _lock: File,
+    lock: File,
     /// Notified after everything is removed.
     watch: Option<Watch>,
 }
@@ -118,7 +118,7 @@ impl RunDir {
             let lock = prepare(&part, me).map_err(|e| RunDirError::Create(part.clone(), e))?;
             let root = name.root();
             match fs::rename(&part, &root) {
-                Ok(()) => return Ok(RunDir { name, root, _lock: lock, watch: None }),
+                Ok(()) => return Ok(RunDir { name, root, lock, watch: None }),
                 Err(e) => {
                     let _ = fs::remove_dir_all(&part);
                     if !matches!(e.kind(), io::ErrorKind::DirectoryNotEmpty | io::ErrorKind::AlreadyExists) {
@@ -128,6 +128,11 @@ impl RunDir {
             }
         }
         Err(RunDirError::Names)
+    }
+
+    /// Returns true unless the directory was removed during the run.
+    pub fn is_there(&self) -> bool {
+        self.lock.metadata().is_ok_and(|lock| lock.nlink() > 0)
     }
 
     /// Returns the name of a process's next run, given the number of those begun before.
@@ -151,7 +156,7 @@ impl RunDir {
         let me = Identity::own().map_err(|e| RunDirError::Create("/proc".into(), e))?;
         let line = me.to_line();
         owner.set_len(line.len() as u64).and_then(|()| owner.write_all(line.as_bytes())).map_err(gone)?;
-        Ok(RunDir { name, root, _lock: owner, watch: None })
+        Ok(RunDir { name, root, lock: owner, watch: None })
     }
 
     /// Keeps the watcher of the run until its files are removed.
@@ -382,7 +387,7 @@ mod tests {
         // Locked by a process that is not visible: counts as alive.
         clean().unwrap();
         assert!(root.join(OWNER).exists() && shared.exists());
-        flock(&dir._lock, FlockOperation::Unlock).unwrap();
+        flock(&dir.lock, FlockOperation::Unlock).unwrap();
         // Of a daemon whose controller lives: that one still reads the counts.
         let controller = RunDir::create().unwrap();
         symlink(page::path(controller.root()), page::path(&root)).unwrap();

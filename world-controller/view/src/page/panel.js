@@ -65,8 +65,12 @@ export class Panel {
     badge.dataset.outcome = text;
     const why = this.part("why");
     why.replaceChildren(...story.troubles.map((trouble) => make("p", { class: "reason" }, trouble)));
-    if (!report || report.outcome === "built") return;
-    why.append(make("p", { class: "reason" }, reason));
+    if (!report) return;
+    const standstills = report.standstills?.count ? report.standstills : null;
+    // Of a built run, only the help that it had is worth a word.
+    if (report.outcome !== "built" || standstills || report.move_details.led) why.append(make("p", { class: "reason" }, reason));
+    if (standstills) why.append(this.standstills(standstills));
+    if (report.outcome === "built") return;
     const stall = report.unbuilt;
     if (!stall) return;
     if (stall.prospect) why.append(make("p", {}, stall.prospect));
@@ -82,6 +86,16 @@ export class Panel {
     if (stall.waiting.length) why.append(make("ul", { class: "waiting" }, ...stall.waiting.slice(0, SHOWN).map(row)));
     if (stall.waiting.length > SHOWN) why.append(make("p", {}, `and ${stall.waiting.length - SHOWN} more; the report has them`));
     if (story.forgotten) why.append(make("p", {}, `${story.forgotten} events were too many to be kept`));
+  }
+
+  /** Lists the standstills in the course of the run, and what ended them. */
+  standstills({ events, count }) {
+    const end = (e) => (e.until_s === null ? "until the end" : `until ${e.until_s.toFixed(1)} s, ended by ${e.ended_by}`);
+    const help = (e) => [[e.called, "called"], [e.led, "led"]].filter(([n]) => n).map(([n, how]) => `, ${number(n)} ${how}`).join("");
+    const row = (e) => make("li", { title: e.text }, `${e.since_s.toFixed(1)} s ${end(e)}${help(e)}`);
+    const more = count > SHOWN ? [make("li", {}, `and ${number(count - SHOWN)} more; the report has them`)] : [];
+    const list = make("ul", { class: "standstills" }, ...events.slice(0, SHOWN).map(row), ...more);
+    return make("details", {}, make("summary", {}, count === 1 ? "1 standstill" : `${number(count)} standstills`), list);
   }
 
   link(id) {

@@ -10,7 +10,7 @@
 //!
 //! Not here: what each agent knows, and the messages that carry a plan out.
 
-use crate::metamodule::blueprint::{SeedSet, Task};
+use crate::metamodule::blueprint::{Seed, SeedSet, Task};
 use crate::metamodule::planning::paths::Ground;
 use crate::metamodule::planning::random_walk::random_walk_search;
 use crate::metamodule::planning::state_space::{StateSpace, StopAt};
@@ -106,6 +106,12 @@ const FEW: usize = 10;
 /// Factor of the work that random walks may take.
 const RANDOM_WALK_FACTOR: usize = 5;
 
+/// The largest number of seeds of a goal of which all unfilled ones are shared out; of larger goals only the open ones are. Every
+/// seed costs a search over the whole floor.
+pub const SHARED_SEEDS_MAX: usize = 32;
+/// The largest number of plans that are examined for whether they leave the rest of the goal possible.
+const LOOKS: usize = 64;
+
 /// Default work bound: a number of placements examined, as [`search`] counts them. Agents and the judge use the same,
 /// so both find the same plans.
 pub const WORK: usize = 2_000_000;
@@ -115,13 +121,110 @@ pub const WORK: usize = 2_000_000;
 /// walks at the end five times `work`. One unit of work is one placement of the moving body examined, which takes
 /// less than a microsecond.
 pub fn search(standstill: &Standstill, work: usize) -> SearchResult {
+    search_for(standstill, work, &mut |_| true)
+}
+
+/// Searches like [`search`], for a plan after which the other seeds can be filled as well. If every plan that it finds closes the
+/// way to another seed permanently, returns the first.
+pub fn search_ahead(standstill: &Standstill, work: usize) -> SearchResult {
+    let first = search(standstill, work);
+    let SearchResult::Path(path) = &first else { return first };
+    let mut looks = LOOKS;
+    if leaves_the_rest(standstill, path, work, &mut looks) {
+        return first;
+    }
+    let accepts = &mut |path: &[Move]| looks > 0 && leaves_the_rest(standstill, path, work, &mut looks);
+    match search_for(standstill, work, accepts) {
+        better @ SearchResult::Path(_) => better,
+        SearchResult::NoWay(_) | SearchResult::Undecided => first,
+    }
+}
+
+fn leaves_the_rest(standstill: &Standstill, path: &[Move], work: usize, looks: &mut usize) -> bool {
+    standstill.after(path).is_none_or(|rest| finishes(&rest, work, looks))
+}
+
+/// Returns true unless at most `looks` searches show that the open seeds cannot all be filled. What they leave undecided counts as
+/// possible.
+fn finishes(standstill: &Standstill, work: usize, looks: &mut usize) -> bool {
+    if standstill.filled == standstill.setup.goal(standstill.task).all() {
+        return true;
+    }
+    let left = standstill.setup.goal(standstill.task).all().without(standstill.filled);
+    if !can_be_shared_out(&standstill.setup, (standstill.task, left), &standstill.free, &standstill.fixed) {
+        return false;
+    }
+    let Some(left) = looks.checked_sub(1) else { return true };
+    *looks = left;
+    let mut is_refused = false;
+    let found = search_for(standstill, work, &mut |path| {
+        let leaves = leaves_the_rest(standstill, path, work, looks);
+        is_refused |= !leaves;
+        leaves
+    });
+    match found {
+        SearchResult::Path(_) => true,
+        SearchResult::NoWay(_) => false,
+        // All plans that were found close the way to another seed.
+        SearchResult::Undecided => !is_refused,
+    }
+}
+
+/// Returns false if it is certain that these seeds cannot all be filled: even if no other free body was there, too few bodies come
+/// to them around the cells that stay taken. Of more than [`SHARED_SEEDS_MAX`] seeds nothing is certain.
+pub fn can_be_shared_out(
+    setup: &Setup,
+    (task, seeds): (Task, SeedSet),
+    free: &[Pose],
+    stays: &[Cell],
+) -> bool {
+    if seeds.len() > SHARED_SEEDS_MAX {
+        return true;
+    }
+    let ground = Ground { motions: &setup.motions, floor: setup.floor, taken: stays };
+    let comes = |seed: Seed| -> Vec<usize> {
+        let distances = setup.motions.distances(setup.floor, seed, stays);
+        let comes = |pose: Pose| {
+            let stands = pose.foot() == seed.foot && ground.filling(pose, seed).is_some();
+            stands || distances.steps(pose, ground.lands(pose)).is_some()
+        };
+        (0..free.len()).filter(|body| comes(free[*body])).collect()
+    };
+    let reached: Vec<Vec<usize>> = seeds.iter().filter_map(|s| setup.seed(task, s)).map(comes).collect();
+    // For each body the seed that it has been given (augmenting paths).
+    let mut given: Vec<Option<usize>> = vec![None; free.len()];
+    (0..reached.len()).all(|seed| give(seed, &reached, &mut given, &mut BTreeSet::new()))
+}
+
+/// Gives a seed to a body that comes to it, and other seeds to other bodies if need be. Returns false if that is impossible.
+fn give(
+    seed: usize,
+    reached: &[Vec<usize>],
+    given: &mut [Option<usize>],
+    seen: &mut BTreeSet<usize>,
+) -> bool {
+    reached[seed].iter().copied().any(|body| {
+        let can = seen.insert(body) && given[body].is_none_or(|other| give(other, reached, given, seen));
+        if can {
+            given[body] = Some(seed);
+        }
+        can
+    })
+}
+
+/// Searches for a plan that `accepts` takes.
+fn search_for(
+    standstill: &Standstill,
+    work: usize,
+    accepts: &mut dyn FnMut(&[Move]) -> bool,
+) -> SearchResult {
     let held = Held::find(standstill, work);
     let all_indices = 0..standstill.free.len();
     let outside: Vec<usize> = all_indices.clone().filter(|i| !held.bodies.contains(i)).collect();
     if !held.fills {
         let starts: Vec<Vec<usize>> = outside.iter().map(|i| vec![*i]).collect();
         if let none @ SearchResult::NoWay(_) =
-            held.state_space(standstill).search(&starts, StopAt::Everything, work)
+            held.state_space(standstill).search(&starts, StopAt::Everything, work, &mut |_| true)
         {
             return none;
         }
@@ -139,7 +242,12 @@ pub fn search(standstill: &Standstill, work: usize) -> SearchResult {
                 continue;
             }
             let mut state_space = StateSpace::around_all_but(standstill, &group);
-            match state_space.search(std::slice::from_ref(&group), StopAt::Everything, most.min(left)) {
+            match state_space.search(
+                std::slice::from_ref(&group),
+                StopAt::Everything,
+                most.min(left),
+                accepts,
+            ) {
                 SearchResult::NoWay(_) => {}
                 SearchResult::Undecided => undecided.push(group),
                 path @ SearchResult::Path(_) => return path,
@@ -155,18 +263,22 @@ pub fn search(standstill: &Standstill, work: usize) -> SearchResult {
         starts.push(inside().collect());
     }
     let mut state_space = StateSpace::around_all_but(standstill, &movers);
-    match state_space.search(&starts, StopAt::Everything, work) {
+    // With more than one body outside, this only shows that there is no plan.
+    let any = &mut |_: &[Move]| true;
+    let accepted = if outside.len() <= 1 { &mut *accepts } else { any };
+    match state_space.search(&starts, StopAt::Everything, work, accepted) {
         none @ SearchResult::NoWay(_) => return none,
         path @ SearchResult::Path(_) if outside.len() <= 1 => return path,
         _ => {}
     }
     for rests in [StopAt::Landings, StopAt::Everything] {
-        match state_space.search(std::slice::from_ref(&movers), rests, work) {
+        match state_space.search(std::slice::from_ref(&movers), rests, work, accepts) {
             SearchResult::Undecided => {}
             decided => return decided,
         }
     }
     random_walk_search(standstill, &movers, work.saturating_mul(RANDOM_WALK_FACTOR))
+        .filter(|path| accepts(path))
         .map_or(SearchResult::Undecided, SearchResult::Path)
 }
 
@@ -345,7 +457,7 @@ mod tests {
             let standstill = standstill(&setup, &free, &fixed);
             let all_indices: Vec<usize> = (0..free.len()).collect();
             let mut state_space = StateSpace::around_all_but(&standstill, &all_indices);
-            let all = state_space.search(&[all_indices], StopAt::Everything, 200_000);
+            let all = state_space.search(&[all_indices], StopAt::Everything, 200_000, &mut |_| true);
             let found = search(&standstill, 200_000);
             if let SearchResult::Path(moves) = &found {
                 go(&standstill, moves);

@@ -344,9 +344,17 @@ impl<'a> StateSpace<'a> {
         Some((stays, fills))
     }
 
-    /// Runs a best-first search from all these starts, by distance to the nearest seed.
-    pub fn search(&mut self, starts: &[Vec<usize>], rests: StopAt, work: usize) -> SearchResult {
+    /// Runs a best-first search from all these starts, by distance to the nearest seed. A plan that `accepts` refuses is passed over;
+    /// if there are only such, the result is undecided.
+    pub fn search(
+        &mut self,
+        starts: &[Vec<usize>],
+        rests: StopAt,
+        work: usize,
+        accepts: &mut dyn FnMut(&[Move]) -> bool,
+    ) -> SearchResult {
         self.work = 0;
+        let mut is_refused = false;
         let (mut seen, mut front) = (BTreeSet::new(), BinaryHeap::new());
         let mut trail: Vec<(Option<usize>, By, Node)> = Vec::new();
         let mut found: Vec<(Node, By)> = starts.iter().flat_map(|start| self.begin(start)).collect();
@@ -364,7 +372,11 @@ impl<'a> StateSpace<'a> {
                 front.push(Reverse((nearest, moves, trail.len())));
                 trail.push((before, by, node));
                 if let Some(posture) = fills {
-                    return SearchResult::Path(self.path(&trail, posture));
+                    let path = self.path(&trail, posture);
+                    if accepts(&path) {
+                        return SearchResult::Path(path);
+                    }
+                    is_refused = true;
                 }
             }
             if self.work > work {
@@ -376,8 +388,8 @@ impl<'a> StateSpace<'a> {
             found = self.next(&node, rests);
         }
         match rests {
-            StopAt::Everything => SearchResult::NoWay(seen.len()),
-            StopAt::Landings => SearchResult::Undecided,
+            StopAt::Everything if !is_refused => SearchResult::NoWay(seen.len()),
+            StopAt::Everything | StopAt::Landings => SearchResult::Undecided,
         }
     }
 

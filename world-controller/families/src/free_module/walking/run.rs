@@ -92,6 +92,7 @@ impl Runnable for Walk {
             crashed,
             restarted,
             stall: director.monitor().stall().cloned(),
+            standstills: director.monitor().standstills().clone(),
             snapshot: None,
             struck: director.monitor().struck().to_vec(),
             prevented: 0,

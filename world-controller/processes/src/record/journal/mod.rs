@@ -29,6 +29,10 @@ pub struct Journal {
     head: RunHead,
     source: Source,
     unfinished: bool,
+    /// True once the record was read that ends a finished run.
+    has_ended: bool,
+    /// True once all records have been read.
+    is_read: bool,
 }
 
 enum Source {
@@ -55,13 +59,13 @@ impl Journal {
         if parts.is_dir() {
             let join = Join::open(&parts)?;
             let head = join.head().clone();
-            return Ok(Journal { head, source: Source::Parts(Box::new(join)), unfinished: true });
+            return Ok(Journal::of(head, Source::Parts(Box::new(join)), true));
         }
         let reader = Reader::open(path)?;
         match reader.head() {
             Head::Run(head) => {
                 let head = head.clone();
-                Ok(Journal { head, source: Source::File(Box::new(reader)), unfinished: false })
+                Ok(Journal::of(head, Source::File(Box::new(reader)), false))
             }
             Head::Part { id, .. } => {
                 let what =
@@ -69,6 +73,10 @@ impl Journal {
                 Err(JournalError::Unfit(path.to_owned(), what))
             }
         }
+    }
+
+    fn of(head: RunHead, source: Source, unfinished: bool) -> Journal {
+        Journal { head, source, unfinished, has_ended: false, is_read: false }
     }
 
     /// Returns the head of the journal.
@@ -85,6 +93,9 @@ impl Journal {
         };
         if self.unfinished {
             troubles.push("the run was not finished; its parts were joined".to_owned());
+        } else if self.is_read && !self.has_ended {
+            let why = "its run was killed, its disk was full, or the file was cut off";
+            troubles.push(format!("the journal has no end: {why}; what came after it is missing"));
         }
         troubles
     }
@@ -94,10 +105,16 @@ impl Iterator for Journal {
     type Item = Result<Record, Damage>;
 
     fn next(&mut self) -> Option<Result<Record, Damage>> {
-        match &mut self.source {
+        let next = match &mut self.source {
             Source::File(reader) => reader.next(),
             Source::Parts(join) => join.next(),
+        };
+        match &next {
+            Some(Ok(record)) => self.has_ended |= matches!(record.event, Event::Ended { .. }),
+            Some(Err(_)) => {}
+            None => self.is_read = true,
         }
+        next
     }
 }
 

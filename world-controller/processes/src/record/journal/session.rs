@@ -69,8 +69,8 @@ impl JournalSession {
     }
 
     /// Completes the journal of a finished run. `counts` are those of each incarnation of an agent, where
-    /// known separately; `unrecorded` is the number of records that agents could not write. Returns notes for
-    /// the report.
+    /// known separately; `unrecorded` is the number of records that agents could not write. Returns why the journal is not
+    /// whole, if it is not.
     pub fn finish(
         self,
         end: Time,
@@ -78,7 +78,7 @@ impl JournalSession {
         tally: &Tally,
         counts: &[(ModuleId, Incarnation, Tally)],
         unrecorded: u64,
-    ) -> Vec<String> {
+    ) -> Option<String> {
         let mut notes = Vec::new();
         let mut writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner);
         let mut put = |event| writer.put(&Record { at: end, who: Who::Controller, event });
@@ -101,7 +101,7 @@ impl JournalSession {
                 portable(&parts.dir)
             ));
         }
-        notes
+        (!notes.is_empty()).then(|| notes.join("; "))
     }
 
     /// Abandons the journal of a run that could not be finished; its files are kept.

@@ -33,9 +33,9 @@ struct Replayed<A: Agent> {
     agent: Option<AgentHost<A>>,
     /// The hash of each message sent, indexed by number.
     sent: Vec<u64>,
-    /// Actions and reports that the controller has not consumed yet.
+    /// Actions and reports that the controller has not consumed yet, in order.
     told: VecDeque<Emitted>,
-    /// Contacts, percepts and orders that the agent has not consumed yet.
+    /// Contacts, percepts and orders that the agent has not consumed yet, in order.
     inputs: VecDeque<Consumed>,
     tally: Tally,
     summary: Summary,
@@ -206,8 +206,9 @@ impl<'a, R: Runnable> Engine<'a, R> {
         let Some(replayed) = self.incarnations.get_mut(&key) else {
             return Err("it took an input before it began".to_owned());
         };
+        let is_apart = self.plan.link.controller.is_some();
         if !matches!(step.input, Consumed::Message { .. } | Consumed::Wake)
-            && !take(&mut replayed.inputs, &step.input)
+            && !take(&mut replayed.inputs, &step.input, is_apart)
         {
             if !self.torn {
                 return Err(format!("it took {:?}, which the controller had not sent", step.input));
@@ -381,10 +382,14 @@ impl<'a, R: Runnable> Engine<'a, R> {
         if self.alone {
             return Ok(());
         }
+        // On a link of their own, reports may arrive after later actions.
+        let is_apart = self.plan.link.controller.is_some();
         let Some(replayed) = self.current_incarnation(id) else {
             return Err(format!("module {id} told {told:?} before it began"));
         };
-        match replayed.told.pop_front() {
+        let is_report = |told: &Emitted| matches!(told, Emitted::Report(_));
+        let next = replayed.told.iter().position(|first| !is_apart || is_report(first) == is_report(told));
+        match next.and_then(|next| replayed.told.remove(next)) {
             Some(first) if first == *told => Ok(()),
             None if replayed.torn => {
                 self.done.unchecked += 1;
@@ -442,9 +447,15 @@ fn known(counts: &Counts) -> [u64; 3] {
 }
 
 /// Takes `taken` from the front of the queue, and returns true if it was there. Skips contact changes, each
-/// only if a later change of the same port is queued.
-fn take(inputs: &mut VecDeque<Consumed>, taken: &Consumed) -> bool {
-    while let Some(input) = inputs.pop_front() {
+/// only if a later change of the same port is queued. With `is_apart`, orders are a queue of their own: on a link of their own they
+/// may arrive after what bodies sense later.
+fn take(inputs: &mut VecDeque<Consumed>, taken: &Consumed, is_apart: bool) -> bool {
+    let is_order = |input: &Consumed| matches!(input, Consumed::Order(_));
+    let next = |inputs: &mut VecDeque<Consumed>| {
+        let next = inputs.iter().position(|input| !is_apart || is_order(input) == is_order(taken))?;
+        inputs.remove(next)
+    };
+    while let Some(input) = next(inputs) {
         if input == *taken {
             return true;
         }

@@ -1,8 +1,10 @@
-//! Ends a run cleanly when something else fills the shared memory, before its processes die of the shortage.
-//! The memory that its end needs comes from the reserve.
+//! Ends a run when the machine takes away what it needs: shared memory that something else fills, before processes die of the
+//! shortage, or files of the run that were removed from outside. Without this a swarm that has lost its memory looks like one whose
+//! protocol stands still. What its end needs comes from the reserve.
 
 use super::ControllerLoop;
 use crate::swarm::launcher::Backend;
+use metamorph_module_agent::run_dir::run_name::HOME;
 use metamorph_module_agent::transport::SpaceShortage;
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
@@ -19,14 +21,28 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         self.looked = now;
         if let Err(shortage) = self.reserve.check() {
             self.run_short(shortage);
+        } else if let Some(dir) = self.dir.filter(|dir| !dir.is_there()) {
+            let root = dir.root().display();
+            let why = format!(
+                "the run's files in shared memory ({root}) were removed from outside; nothing may clean {HOME} during a run \
+                 (of a user without a session, systemd-logind does: RemoveIPC=no)"
+            );
+            // Agents that cannot be reached any more need not be asked to stop.
+            self.hurried = true;
+            self.end_early(why);
         }
     }
 
     pub(super) fn run_short(&mut self, shortage: SpaceShortage) {
         self.reserve.release();
-        if self.outcome.shortage.is_none() {
-            tracing::error!("the run ends: {shortage}");
-            self.outcome.shortage = Some(shortage.to_string());
+        self.end_early(shortage.to_string());
+    }
+
+    /// Ends the run because of a fault of the machine, which says nothing about the swarm.
+    fn end_early(&mut self, why: String) {
+        if self.outcome.machine_fault.is_none() {
+            tracing::error!("the run ends: {why}");
+            self.outcome.machine_fault = Some(why);
         }
         self.outcome.interrupted = true;
         self.finishing = true;

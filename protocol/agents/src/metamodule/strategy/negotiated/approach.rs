@@ -6,6 +6,7 @@ use super::scene::{Scene, fingerprint};
 use crate::metamodule::blueprint::SeedSet;
 use crate::metamodule::message::Claim;
 use crate::metamodule::plan::{Aim, Plan};
+use crate::metamodule::planning::cooperative::can_be_shared_out;
 use crate::metamodule::planning::paths::Route;
 use crate::metamodule::pose::Pose;
 use crate::metamodule::strategy::context::Context;
@@ -70,6 +71,19 @@ impl Scene<'_> {
         let movable = count(&self.built);
         movable < most && movable < count(&self.fixed)
     }
+
+    /// Returns true if too few metamodules would come to the other seeds once this one has filled the claimed one, and enough do
+    /// now.
+    fn leaves_too_few(&self, claim: Claim) -> bool {
+        let (own, setup) = (self.v.own, self.v.setup);
+        let left = self.v.goal().all().without(own.filled);
+        let others = left.without(SeedSet::default().with(claim.seed));
+        let seed = self.seed(claim.seed).map(|seed| seed.cells());
+        let filled: Vec<Cell> = self.stays.iter().copied().chain(seed.into_iter().flatten()).collect();
+        let all: Vec<Pose> = self.candidates.iter().copied().chain([own.pose]).collect();
+        !can_be_shared_out(setup, (own.task, others), &self.candidates, &filled)
+            && can_be_shared_out(setup, (own.task, left), &all, &self.stays)
+    }
 }
 
 impl Negotiated {
@@ -89,13 +103,15 @@ impl Negotiated {
         }
         let (waited, retry) = (now.since(*cx.waiting_since), cx.v.params().patience);
         let enter = scene.is_first(claim);
-        let walls_in = scene.loses_candidates(claim)
-            || (waited <= retry * (GIVE_UP - 1)
-                && scene.free.iter().any(|o| !scene.is_safe_beside(o, cx.v.own.pose)));
         let stands_still = self.claims.unfilled_for(now) > retry * STANDS_STILL;
+        let walls_in = !stands_still
+            && (scene.loses_candidates(claim)
+                || (waited <= retry * (GIVE_UP - 1)
+                    && scene.free.iter().any(|o| !scene.is_safe_beside(o, cx.v.own.pose))));
+        let fills = enter && !walls_in && matches!(self.route.next(), Some((_, false)));
         let may = Permission {
             enter,
-            fill: enter && (stands_still || !walls_in),
+            fill: fills && !scene.leaves_too_few(claim),
             block: enter && waited > retry,
             close: stands_still,
         };

@@ -3,6 +3,7 @@
 use super::scene::{Other, Scene, fingerprint};
 use crate::metamodule::blueprint::SeedSet;
 use crate::metamodule::message::Claim;
+use crate::metamodule::planning::cooperative::SHARED_SEEDS_MAX;
 use crate::metamodule::planning::paths::Route;
 use crate::metamodule::pose::Pose;
 use crate::metamodule::view::View;
@@ -19,9 +20,6 @@ const LATER: i64 = 1 << 20;
 const UNREACHABLE: i64 = 1 << 30;
 /// The number of moves assumed where there is no route; there may be one by the time the seed opens.
 const FAR: i64 = 1 << 10;
-/// Largest number of seeds of a goal of which all unfilled ones are shared out; of larger goals only the open ones are.
-/// Every seed costs a search over the whole floor.
-const SHARED_SEEDS_MAX: usize = 32;
 /// How long a seed counts as unreachable if the fixed cells do not change, in multiples of `patience`.
 const UNREACHABLE_FOR: u64 = 4;
 

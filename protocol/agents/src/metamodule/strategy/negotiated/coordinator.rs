@@ -10,15 +10,15 @@
 //!
 //! If the scenario says so, it asks the operator first, and continues by itself when it is told to, or after a time.
 //!
-//! A directive that comes late or to another metamodule costs time, never safety. Absent: a choice among
-//! plans; the first that is found is carried out, also if it closes the way to another seed.
+//! A directive that comes late or to another metamodule costs time, never safety. A plan that closes the way to another seed
+//! is carried out only if no other is found.
 
 use super::scene::{Scene, fingerprint};
 use crate::metamodule::blueprint::SeedSet;
 use crate::metamodule::message::{Directive, Instruction, Message, MoveEnd};
 use crate::metamodule::params::Ask;
 use crate::metamodule::plan::{Aim, Plan};
-use crate::metamodule::planning::cooperative::{Move, SearchResult, Standstill, WORK, search};
+use crate::metamodule::planning::cooperative::{Move, SearchResult, Standstill, WORK, search_ahead};
 use crate::metamodule::planning::lru_cache::mix;
 use crate::metamodule::pose::{Load, Pose};
 use crate::metamodule::setup::Setup;
@@ -346,7 +346,7 @@ fn plan_together(scene: &Scene<'_>) -> Option<Vec<(ModuleId, Move)>> {
         free: movers.iter().map(|(_, pose)| *pose).collect(),
         fixed: scene.stays.clone(),
     };
-    let SearchResult::Path(path) = search(&standstill, WORK) else { return None };
+    let SearchResult::Path(path) = search_ahead(&standstill, WORK) else { return None };
     Some(path.into_iter().map(|m| (movers[m.body].0, m)).collect())
 }
 
