@@ -5,6 +5,9 @@ use metamorph_report::prospect::{Possible, Prospect};
 use metamorph_report::run_result::Question;
 use metamorph_sim_bridge::director::proof::{Found, RuleSet};
 
+/// Divisor of the work: the share that the search for each seed may take from an earlier state, where most plans are found at once.
+const BEFORE_DIVISOR: usize = 20;
+
 /// A standstill of metamodules, as a question to the search.
 pub struct MetamoduleQuestion {
     /// The present state.
@@ -53,7 +56,7 @@ impl Question for MetamoduleQuestion {
         let mut moves = 0;
         // One seed after the other, as metamodules fill them. Another order may succeed where this one does not.
         while state.filled != all {
-            let SearchResult::Path(path) = search(&state, WORK) else { return None };
+            let SearchResult::Path(path) = search(&state, WORK / BEFORE_DIVISOR) else { return None };
             moves += path.iter().filter(|m| m.lands).count();
             state = state.after(&path)?;
         }

@@ -110,7 +110,9 @@ const RANDOM_WALK_FACTOR: usize = 5;
 /// seed costs a search over the whole floor.
 pub const SHARED_SEEDS_MAX: usize = 32;
 /// The largest number of plans that are examined for whether they leave the rest of the goal possible.
-const LOOKS: usize = 64;
+const LOOKS: usize = 16;
+/// Divisor of the work: the share that each look at the rest of the goal may take.
+const LOOK_DIVISOR: usize = 20;
 
 /// Default work bound: a number of placements examined, as [`search`] counts them. Agents and the judge use the same,
 /// so both find the same plans.
@@ -130,10 +132,11 @@ pub fn search_ahead(standstill: &Standstill, work: usize) -> SearchResult {
     let first = search(standstill, work);
     let SearchResult::Path(path) = &first else { return first };
     let mut looks = LOOKS;
-    if leaves_the_rest(standstill, path, work, &mut looks) {
+    let ahead = work / LOOK_DIVISOR;
+    if leaves_the_rest(standstill, path, ahead, &mut looks) {
         return first;
     }
-    let accepts = &mut |path: &[Move]| looks > 0 && leaves_the_rest(standstill, path, work, &mut looks);
+    let accepts = &mut |path: &[Move]| looks > 0 && leaves_the_rest(standstill, path, ahead, &mut looks);
     match search_for(standstill, work, accepts) {
         better @ SearchResult::Path(_) => better,
         SearchResult::NoWay(_) | SearchResult::Undecided => first,
