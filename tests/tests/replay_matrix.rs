@@ -32,7 +32,7 @@ const OPTIONS: [(&str, &[&str]); 23] = [
     ("link.between_hosts.duplicate", &["5%"]),
     ("link.between_hosts.reorder", &["5%"]),
     ("link.between_hosts.corrupt", &["5%"]),
-    ("link.between_hosts.skew", &["1ms"]),
+    ("link.between_hosts.skew", &["[\"0s\", \"1ms\"]"]),
     ("link.between_hosts.clock_error", &["5ms"]),
     ("link.between_hosts.pair", &["[{ hosts = [\"h1\", \"h2\"], delay = \"40ms..90ms\" }]"]),
     ("controller.rescue", &["off", "calls", "plans"]),
@@ -94,6 +94,11 @@ fn record_and_replay(seed: u64) -> Option<Vec<&'static str>> {
         if options.iter().all(|(other, _)| *other != key) {
             options.push((key, value));
         }
+    }
+    // The other keys of hosts need some.
+    let needs_hosts = options.iter().any(|(key, _)| key.starts_with("link.between_hosts."));
+    if needs_hosts && options.iter().all(|(key, _)| *key != "link.between_hosts.hosts") {
+        options.push(("link.between_hosts.hosts", "2"));
     }
     let set = |(key, value): &(&str, &str)| Setting { option: "--set", text: format!("{key}={value}") };
     let settings: Vec<Setting> = options.iter().map(set).collect();

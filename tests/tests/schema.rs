@@ -64,6 +64,8 @@ loss = "2%"
 duplicate = "2%"
 reorder = "2%"
 corrupt = "2%"
+[controller]
+rescue = "calls"
 [process]
 time_scale = 20
 [[command]]

@@ -69,7 +69,7 @@ pub struct StandstillRecord {
     pub noticed: Time,
     /// When it ended; `None` if the run ended first.
     pub until: Option<Time>,
-    /// What ended it.
+    /// How it ended.
     pub end: StandstillEnd,
     /// True if modules moved, but no cell was filled.
     pub is_jam: bool,
@@ -77,7 +77,7 @@ pub struct StandstillRecord {
     pub help: Help,
 }
 
-/// What decides whether a swarm stands still at an instant.
+/// The state of a run at an instant, as far as it decides whether the swarm stands still.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Look {
     /// The time.

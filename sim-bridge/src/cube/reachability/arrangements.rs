@@ -144,7 +144,7 @@ impl Marks {
     }
 }
 
-/// What changes from one arrangement to the next.
+/// The part of a search that changes from one arrangement to the next.
 struct Board {
     /// True where a module is that can move.
     taken: Vec<bool>,
