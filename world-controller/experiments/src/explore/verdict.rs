@@ -120,7 +120,7 @@ pub fn judge(report: &Report, ran: &RunResult) -> Verdict {
     let not_here = reason.is_some_and(|reason| reason.proves == Proves::NotHere);
     let searched = question.map_or(Err(Found::Undecided), |q| q.judge(not_here));
     let reason = stall.reason.clone();
-    // What the controller may not resolve shows what the local protocol does by itself. A swarm in which nothing is broken gets
+    // A standstill that the controller may not resolve shows the local protocol itself. A swarm in which nothing is broken gets
     // no help at any level.
     let level = report.standstills.as_ref().map_or("", |standstills| standstills.rescue.as_str());
     let is_alone = !whole && [Rescue::Off, Rescue::Calls].iter().any(|alone| alone.name() == level);
