@@ -193,8 +193,7 @@ pub fn run<R: Runnable>(swarm: &R, plan: &Plan, processes: Processes<'_>) -> Res
     tracing::info!(modules = world.len(), seed = plan.seed, "the swarm starts");
     let before = since.elapsed();
     let setup = swarm.setup().as_ref();
-    // A controller without a journal records to nothing: a second controller for each family would take long to compile, and what
-    // recording costs is little beside a message between processes.
+    // A controller without a journal records to nothing: a second controller for each family would take long to compile.
     let log = both(keeping.as_ref().map(JournalSession::log), page.scribe);
     let log = log.unwrap_or_else(|| Log::new(Arc::new(Mutex::new(Forgotten))));
     let mut recorded = RecordedWorld::new(world, log.clone());
