@@ -4,7 +4,7 @@
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::counters::Tally;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Session};
-use metamorph_protocol::link::{LinkChanges, LinkModel};
+use metamorph_protocol::link::{LinkChanges, LinkModel, LinkState};
 use metamorph_protocol::rng::Rng;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Frame;
@@ -36,7 +36,7 @@ pub struct LinkEmulator {
     model: LinkModel,
     transparent: bool,
     from: ModuleId,
-    ports: Vec<(Rng, Time)>,
+    ports: Vec<(Rng, LinkState)>,
     held: BTreeMap<(Time, u64), DelayedFrame>,
     count: u64,
 }
@@ -58,7 +58,7 @@ impl LinkEmulator {
             transparent: model.is_transparent(),
             model,
             from,
-            ports: (0..ports).map(|p| (stream(p), Time::ZERO)).collect(),
+            ports: (0..ports).map(|p| (stream(p), LinkState::default())).collect(),
             held: BTreeMap::new(),
             count: 0,
         }
@@ -72,8 +72,8 @@ impl LinkEmulator {
             return;
         }
         // Invariant: the wait loop sends only by ports that exist.
-        let (stream, last) = &mut self.ports[frame.port.index()];
-        let fate = self.model.carry(now, self.from, frame.peer, stream, last);
+        let (stream, state) = &mut self.ports[frame.port.index()];
+        let fate = self.model.carry(now, self.from, frame.peer, stream, state);
         let counts = &mut tally[frame.class];
         if fate.arrivals[0].is_none() {
             counts.lost += 1;
@@ -107,8 +107,8 @@ impl LinkEmulator {
 
     /// Resets a port for a new contact: frames of the old one no longer hold back later ones.
     pub fn reset(&mut self, port: Port) {
-        if let Some((_, last)) = self.ports.get_mut(port.index()) {
-            *last = Time::ZERO;
+        if let Some((_, state)) = self.ports.get_mut(port.index()) {
+            *state = LinkState::default();
         }
     }
 

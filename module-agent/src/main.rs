@@ -12,7 +12,7 @@ fn main() -> ExitCode {
     };
     match family.run(&args) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => fail(&error, 1),
+        Err(error) => fail(&error, error.exit_code()),
     }
 }
 

@@ -479,7 +479,7 @@ const CIRCLE_MAX: usize = 4;
 /// the list.
 const CIRCLES: &[(&str, usize)] = &[
     ("swarm", 20),
-    ("scenario", 18),
+    ("scenario", 19),
     ("cube", 12),
     ("bench", 7),
     ("studio", 7),

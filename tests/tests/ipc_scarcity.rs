@@ -19,7 +19,7 @@ use metamorph_world_controller::console::format::many;
 use metamorph_world_controller::family::replay;
 use metamorph_world_controller::run::replay::{Replayed, Request, text};
 use metamorph_world_controller::swarm::RunDir;
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::{Pid, Resource, Rlimit, Signal, kill_process, prlimit};
 use serde_json::Value;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
@@ -155,26 +155,76 @@ fn a_limit_of_file_sizes_is_refused_at_once() {
     assert!(ran.err.contains("ulimit -f"), "{ran:?}");
 }
 
-/// An agent that dies from a lack of memory is reported as such.
-#[test]
-fn an_agent_that_dies_of_sigbus_is_reported_so() {
-    let dir = tempfile::tempdir().expect("a directory");
-    let run = Run::start(&dir.path().join("journal"), &["--time-scale", "20"]);
-    let mut victim = None;
-    wait_until("module 20 to be there", || {
-        victim = root_of(run.pid()).and_then(|root| agent_of(&root, 20, 0));
-        // Not before the run has begun.
-        root_of(run.pid()).is_some_and(|root| begun(&root)) && victim.is_some()
+/// Waits until a run has begun, and returns one of its agents.
+fn agent_of_begun(run: &Run, module: u32) -> Identity {
+    let mut agent = None;
+    wait_until("the run to begin", || {
+        let root = root_of(run.pid());
+        agent = root.as_ref().and_then(|root| agent_of(root, module, 0));
+        root.is_some_and(|root| begun(&root)) && agent.is_some()
     });
-    let victim = victim.expect("it was just there");
+    agent.expect("it was just there")
+}
+
+/// Asserts that a run was ended because of the machine, and returns the reason.
+fn reason_of_machine(ran: &Ran) -> String {
+    let report = report(ran);
+    let reason = report["reason"].to_string();
+    assert_eq!((ran.code, report["outcome"].as_str()), (Some(7), Some("aborted")), "{ran:?}");
+    assert!(reason.contains("machine: "), "{reason}");
+    reason
+}
+
+/// An agent that dies from a lack of memory ends the run, since that says nothing about the protocol.
+#[test]
+fn an_agent_that_dies_of_sigbus_ends_the_run_with_the_reason() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let run = Run::start(&dir.path().join("journal"), &["--time-scale", "3"]);
+    let victim = agent_of_begun(&run, 20);
     let pid = Pid::from_raw(victim.pid).expect("a pid is not 0");
     wait_until("it to be dead", || {
         // The standard library catches the first signal, since a fault comes again.
         let _ = kill_process(pid, Signal::BUS);
         !victim.is_alive()
     });
-    let report = report(&run.end());
-    assert!(notes(&report).contains("module 20 died of SIGBUS: shared memory"), "{report}");
+    let reason = reason_of_machine(&run.end());
+    assert!(reason.contains("module 20 died of SIGBUS: shared memory"), "{reason}");
+}
+
+/// An agent that may map no more memory, or open no more files, cannot reach new neighbours. It does not stay silent: it ends, and
+/// the run with it. The same holds for the controller.
+#[test]
+fn processes_that_reach_nobody_any_more_end_the_run_with_the_reason() {
+    let dir = tempfile::tempdir().expect("a directory");
+    for (what, resource) in [("memory", Resource::As), ("files", Resource::Nofile)] {
+        let run = Run::start(&dir.path().join(what), &["--time-scale", "1"]);
+        agent_of_begun(&run, 0);
+        let root = root_of(run.pid()).expect("it has begun");
+        let least = Rlimit { current: Some(0), maximum: Some(0) };
+        for module in 0..42 {
+            if let Some(pid) = agent_of(&root, module, 0).and_then(|agent| Pid::from_raw(agent.pid)) {
+                // One may have died meanwhile.
+                let _ = prlimit(Some(pid), resource, least);
+            }
+        }
+        let reason = reason_of_machine(&run.end());
+        assert!(reason.contains("cannot reach module") && reason.contains("ulimit"), "{what}: {reason}");
+    }
+}
+
+/// Shared memory that fills while the swarm starts ends the run in the same way.
+#[test]
+fn shared_memory_that_fills_during_the_start_is_named() {
+    let (program, file) = (metamorph().display(), scenario("swarm.toml"));
+    let script = format!(
+        "timeout 200 {program} run {} --time-scale 20 --json - & pid=$!; \
+         until ls /dev/shm/mm*/pids/5.0 >/dev/null 2>&1; do kill -0 $pid || exit 1; done; \
+         cat /dev/zero >/dev/shm/fill 2>/dev/null; wait $pid; exit $?",
+        file.display()
+    );
+    let Some(ran) = with_small_disk(Path::new("/dev/shm"), "24m", &script) else { return };
+    let reason = reason_of_machine(&ran);
+    assert!(reason.contains("shared memory"), "{reason}");
 }
 
 /// Returns true if all agents of a run are up: the memory reserved for them is released.

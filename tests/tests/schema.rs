@@ -46,12 +46,18 @@ loss = "5%"
 duplicate = 0.01
 reorder = "1/50"
 corrupt = 0
+[link.burst]
+enter = "1%"
+leave = "10%"
+loss = "90%"
+delay = "50ms..200ms"
 [link.controller]
 delay = "20ms..50ms"
 loss = "5%"
 [link.between_hosts]
 hosts = [20, 18]
-delay = "20ms"
+delay = { quantiles = [["50%", "2ms"], ["100%", "80ms"]] }
+burst = { enter = "1%", leave = "10%" }
 loss = "1%"
 duplicate = "1%"
 reorder = "1%"
@@ -232,6 +238,8 @@ fn tables() -> Vec<(&'static str, &'static str, &'static str, Vec<&'static str>)
     vec![
         (CUBES, "", "", vec![]),
         (CUBES, "link.", "link", vec![]),
+        (CUBES, "link.burst.", "burst", vec![]),
+        (CUBES, "link.between_hosts.delay.", "quantiles", vec![]),
         (CUBES, "link.controller.", "controller-link", vec![]),
         (CUBES, "link.between_hosts.", "between_hosts", vec![]),
         (CUBES, "link.between_hosts.pair.0.", "host-pair", vec![]),

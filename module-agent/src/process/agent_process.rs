@@ -415,9 +415,8 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
             return Ok(());
         }
         self.write_ahead.commit()?;
-        let tally = &mut self.write_ahead.counters.tally;
-        self.sender.flush(now, &mut self.contacts, &mut self.transport, tally);
-        Ok(())
+        let (now, tally) = ((now, self.clock.monotonic()), &mut self.write_ahead.counters.tally);
+        self.sender.flush(now, &mut self.contacts, &mut self.transport, tally)
     }
 }
 

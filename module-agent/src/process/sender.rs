@@ -3,6 +3,7 @@
 
 use crate::link_emulator::{DelayedFrame, LinkEmulator};
 use crate::process::contacts::{Contacts, PortContact};
+use crate::process::start::AgentError;
 use crate::run_dir::counter_file::AgentCounters;
 use crate::transport::shared_frame::SharedFrame;
 use crate::transport::{Address, AgentKey, ConnectError, Link, SendStatus, Transport};
@@ -15,6 +16,10 @@ use metamorph_protocol::wire::{Channel, Frame, Header, Wire};
 /// Number of frames gathered before they are sent.
 pub const BURST: usize = 128;
 
+/// How long an agent tries in vain to open a link before it ends (ns of real time). Memory and descriptors that other processes
+/// give back soon are waited for; after that the agent would be silent, and look like one whose protocol stands still.
+const IN_VAIN: u64 = 2_000_000_000;
+
 /// The sending half of one incarnation of an agent.
 #[derive(Debug)]
 pub struct Sender {
@@ -22,12 +27,14 @@ pub struct Sender {
     emulator: LinkEmulator,
     burst: Vec<DelayedFrame>,
     sequence: u32,
+    /// Since when no link could be opened, for want of memory or descriptors.
+    in_vain: Option<u64>,
 }
 
 impl Sender {
     /// Creates a sender whose links are emulated by `emulator`.
     pub fn new(agent: AgentKey, emulator: LinkEmulator) -> Sender {
-        Sender { agent, emulator, burst: Vec::new(), sequence: 0 }
+        Sender { agent, emulator, burst: Vec::new(), sequence: 0, in_vain: None }
     }
 
     /// Seals a message and gives it to the emulated link of a port.
@@ -103,14 +110,17 @@ impl Sender {
     }
 
     /// Sends the gathered frames, which the caller has already written to its counters as sent. Counts those
-    /// that cannot be sent as overflowed or expired.
+    /// that cannot be sent as overflowed or expired. `monotonic` is real time.
+    ///
+    /// # Errors
+    /// If no link can be opened, for [`IN_VAIN`].
     pub fn flush<T: Transport>(
         &mut self,
-        now: Time,
+        (now, monotonic): (Time, u64),
         contacts: &mut Contacts<T::Link>,
         transport: &mut T,
         tally: &mut Tally,
-    ) {
+    ) -> Result<(), AgentError> {
         let mut touched = PortSet::default();
         for frame in self.burst.drain(..) {
             let counts = &mut tally[frame.class];
@@ -119,15 +129,28 @@ impl Sender {
                 counts.expired += 1;
                 continue;
             };
+            let is_new = port.link.is_none();
             let link = match open(port, transport) {
-                Ok(link) => link,
+                Ok(link) => {
+                    self.in_vain = self.in_vain.filter(|_| !is_new);
+                    link
+                }
                 Err(ConnectError::Unreachable(_)) => {
                     counts.expired += 1;
                     continue;
                 }
-                Err(e) => {
-                    tracing::debug!("cannot reach module {}: {e}", frame.peer);
+                Err(e @ ConnectError::NoSlot(_)) => {
+                    tracing::debug!("cannot reach module {} yet: {e}", frame.peer);
                     counts.overflowed += 1;
+                    continue;
+                }
+                Err(cause) => {
+                    tracing::debug!("cannot reach module {}: {cause}", frame.peer);
+                    counts.overflowed += 1;
+                    let since = *self.in_vain.get_or_insert(monotonic);
+                    if monotonic.saturating_sub(since) > IN_VAIN {
+                        return Err(AgentError::Silenced { peer: frame.peer, cause });
+                    }
                     continue;
                 }
             };
@@ -149,6 +172,7 @@ impl Sender {
                 link.flush();
             }
         }
+        Ok(())
     }
 }
 

@@ -24,6 +24,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use thiserror::Error;
 
+/// The exit code of an agent that could not get what it needs from the operating system: `EX_OSERR` of sysexits(3).
+pub const EXIT_OF_MACHINE: u8 = 71;
+
 /// Errors that end an agent process before its controller ends it.
 #[derive(Debug, Error)]
 pub enum AgentError {
@@ -60,9 +63,29 @@ pub enum AgentError {
     /// The controller is gone.
     #[error("the controller (process {0}) is gone; an agent does not go on without it")]
     Orphan(i32),
+    /// No link to a neighbour can be opened.
+    #[error(
+        "cannot reach module {peer}, a neighbour: {cause}; this process may lack memory (ulimit -v) or file descriptors (ulimit -n)"
+    )]
+    Silenced {
+        /// The neighbour.
+        peer: ModuleId,
+        /// The last failure.
+        cause: ConnectError,
+    },
     /// The number of the module exceeds the size of the swarm.
     #[error("this agent is number {0}, but the swarm has only {1} modules")]
     NoSuchModule(u32, u32),
+}
+
+impl AgentError {
+    /// Returns the exit code of the process: [`EXIT_OF_MACHINE`], or 1 if its controller is gone or has started it wrongly.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            AgentError::Orphan(_) | AgentError::NoSuchModule(..) => 1,
+            _ => EXIT_OF_MACHINE,
+        }
+    }
 }
 
 /// Returns the directory in which the processes of a run write their identities.

@@ -146,7 +146,7 @@ impl Transport for MemoryTransport {
         let inbox = found.ok_or_else(|| ConnectError::Unreachable(MemoryError::NoInbox(to).into()))?;
         let mut state = lock(&inbox.state);
         if state.senders.len() >= inbox.slots {
-            return Err(ConnectError::Failed(MemoryError::NoSlot(to, inbox.slots).into()));
+            return Err(ConnectError::NoSlot(MemoryError::NoSlot(to, inbox.slots).into()));
         }
         let sender = state.joined;
         state.joined += 1;
@@ -313,7 +313,7 @@ mod tests {
         let (mut a, _b) = (network.agent(key(0), 2), network.agent(key(1), 2));
         let mut links: Vec<_> =
             (0..2 + INBOX_SPARE).map(|_| a.connect(Address::Agent(key(1))).unwrap()).collect();
-        assert!(matches!(a.connect(Address::Agent(key(1))), Err(ConnectError::Failed(_))));
+        assert!(matches!(a.connect(Address::Agent(key(1))), Err(ConnectError::NoSlot(_))));
         links.pop();
         assert!(a.connect(Address::Agent(key(1))).is_ok());
     }

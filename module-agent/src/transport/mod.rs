@@ -112,6 +112,9 @@ pub enum ConnectError {
     /// Too little memory is free.
     #[error(transparent)]
     OutOfSpace(SpaceShortage),
+    /// All slots of the inbox are taken, by senders that leave soon.
+    #[error(transparent)]
+    NoSlot(Box<dyn Error + Send + Sync>),
     /// The inbox exists, but cannot be used.
     #[error(transparent)]
     Failed(Box<dyn Error + Send + Sync>),

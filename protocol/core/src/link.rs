@@ -6,10 +6,12 @@
 
 mod changes;
 mod controller;
+mod delays;
 mod hosts;
 
 pub use changes::LinkChanges;
 pub use controller::ControllerLink;
+pub use delays::{Burst, LinkState, MOST_QUANTILES, Quantiles, QuantilesError};
 pub use hosts::{ClockOffset, Hosts, HostsError};
 
 use crate::ids::ModuleId;
@@ -43,8 +45,10 @@ impl Partition {
 pub struct LinkModel {
     /// The shortest delay.
     pub delay_min: Span,
-    /// The longest delay; delays are uniform between the two.
+    /// The longest delay; delays are uniform between the two, unless there are quantiles.
     pub delay_max: Span,
+    /// The distribution of delays, from the shortest to the longest; `None` if it is uniform.
+    pub quantiles: Option<Arc<Quantiles>>,
     /// Probability that a message is lost.
     pub loss: Ratio,
     /// Probability that a message arrives twice.
@@ -53,6 +57,8 @@ pub struct LinkModel {
     pub reorder: Ratio,
     /// Probability that a bit of a message flips.
     pub corrupt: Ratio,
+    /// Spells in which the link is worse; `None` if there are none.
+    pub burst: Option<Arc<Burst>>,
     /// From this time on messages are delayed, but not lost, duplicated, reordered or damaged; partitions still
     /// apply. `None`: never.
     pub harmless_from: Option<Time>,
@@ -89,6 +95,7 @@ impl LinkModel {
     pub fn is_transparent(&self) -> bool {
         self.delay_max == Span::ZERO
             && [self.loss, self.duplicate, self.reorder, self.corrupt].iter().all(|p| p.is_zero())
+            && self.burst.is_none()
             && self.partitions.is_empty()
             && self.hosts.is_none()
             && self.changes.is_none()
@@ -109,9 +116,21 @@ impl LinkModel {
         at
     }
 
-    /// Draws the fate of a message sent at `now`. `last` is the state of the link: the latest arrival so far,
-    /// which later messages do not overtake; it starts at zero.
-    pub fn carry(&self, now: Time, from: ModuleId, to: ModuleId, rng: &mut Rng, last: &mut Time) -> Delivery {
+    /// Returns the longest delay of a message that no later one overtakes, within a burst too.
+    pub fn longest_delay(&self) -> Span {
+        let within = self.burst.as_ref().and_then(|burst| burst.delay).map_or(Span::ZERO, |delay| delay.1);
+        self.delay_max.max(within)
+    }
+
+    /// Draws the fate of a message sent at `now`, and advances the state of this direction of the link.
+    pub fn carry(
+        &self,
+        now: Time,
+        from: ModuleId,
+        to: ModuleId,
+        rng: &mut Rng,
+        state: &mut LinkState,
+    ) -> Delivery {
         let mut fate = Delivery { arrivals: [None, None] };
         if self.partitions.iter().any(|p| p.cuts(now, from, to)) || self.changes.cuts(from, to) {
             return fate;
@@ -120,25 +139,48 @@ impl LinkModel {
             return fate;
         }
         if let Some(between) = self.hosts.as_deref().and_then(|hosts| hosts.between(from, to)) {
-            return between.carry(now, from, to, rng, last);
+            return between.carry(now, from, to, rng, state);
         }
         let harms = self.harmless_from.is_none_or(|at| now < at);
-        if harms && self.changes.loss.is_none() && rng.chance(self.loss) {
+        let burst = self.burst.as_deref().filter(|_| harms);
+        if let Some(burst) = burst {
+            state.advance(burst, rng);
+        }
+        let burst = burst.filter(|_| state.in_burst);
+        let loss = burst.map_or(self.loss, |burst| burst.loss);
+        if harms && self.changes.loss.is_none() && rng.chance(loss) {
             return fate;
         }
-        fate.arrivals[0] = Some(self.arrival(now, harms, rng, last));
+        let within = burst.and_then(|burst| burst.delay);
+        fate.arrivals[0] = Some(self.arrival(now, harms, within, rng, &mut state.last));
         if harms && rng.chance(self.duplicate) {
-            fate.arrivals[1] = Some(self.arrival(now, harms, rng, last));
+            fate.arrivals[1] = Some(self.arrival(now, harms, within, rng, &mut state.last));
         }
         fate
     }
 
-    fn arrival(&self, now: Time, harms: bool, rng: &mut Rng, last: &mut Time) -> Arrival {
-        let spread = self.delay_max - self.delay_min;
-        let drawn = now + self.delay_min + Span(rng.below(spread.0 + 1));
+    /// Draws a delay; `within` are the shortest and the longest within a burst.
+    fn delay(&self, within: Option<(Span, Span)>, rng: &mut Rng) -> Span {
+        let (min, max) = match (within, &self.quantiles) {
+            (Some(within), _) => within,
+            (None, Some(quantiles)) => return quantiles.draw(rng),
+            (None, None) => (self.delay_min, self.delay_max),
+        };
+        min + Span(rng.below((max - min).0 + 1))
+    }
+
+    fn arrival(
+        &self,
+        now: Time,
+        harms: bool,
+        within: Option<(Span, Span)>,
+        rng: &mut Rng,
+        last: &mut Time,
+    ) -> Arrival {
+        let drawn = now + self.delay(within, rng);
         let at = if harms && rng.chance(self.reorder) {
             // Held back by up to four times the longest delay, so that several later messages can pass.
-            let hold = self.delay_max.0.max(1_000_000) * 4;
+            let hold = self.longest_delay().0.max(1_000_000) * 4;
             drawn + Span(1 + rng.below(hold))
         } else {
             *last = drawn.max(*last);
@@ -154,7 +196,7 @@ mod tests {
     use super::*;
 
     fn carry_all(model: &LinkModel, n: u64) -> Vec<Delivery> {
-        let (mut rng, mut last) = (Rng::named(1, "link", 0), Time::ZERO);
+        let (mut rng, mut last) = (Rng::named(1, "link", 0), LinkState::default());
         (0..n).map(|i| model.carry(Time(i * 1_000), ModuleId(0), ModuleId(1), &mut rng, &mut last)).collect()
     }
 
@@ -180,6 +222,29 @@ mod tests {
         assert!((750..1_050).contains(&count(&|f| f.arrivals[0].is_some_and(|a| a.flipped_bit.is_some()))));
     }
 
+    /// Losses come in bursts of the length and at the distances that are given.
+    #[test]
+    fn losses_come_in_bursts() {
+        let [enter, leave, loss] = ["1%", "10%", "100%"].map(|p| p.parse().unwrap());
+        let delay = Some((Span::millis(7), Span::millis(9)));
+        let bursts = |loss| LinkModel {
+            delay_max: Span::millis(1),
+            burst: Some(Arc::new(Burst { enter, leave, loss, delay })),
+            ..LinkModel::default()
+        };
+        let lost: Vec<bool> =
+            carry_all(&bursts(loss), 100_000).iter().map(|f| f.arrivals[0].is_none()).collect();
+        let (runs, all) =
+            (lost.windows(2).filter(|w| !w[0] && w[1]).count(), lost.iter().filter(|l| **l).count());
+        assert!((8_200..10_000).contains(&all) && (820..1_000).contains(&runs), "{all} in {runs} bursts");
+        let within = bursts(Ratio::ZERO);
+        let late = |f: &Delivery, i: u64| f.arrivals[0].unwrap().at.since(Time(i * 1_000)) >= Span::millis(6);
+        let all = carry_all(&within, 10_000);
+        assert!((0..).zip(&all).any(|(i, f)| late(f, i)) && (0..).zip(&all).any(|(i, f)| !late(f, i)));
+        let ended = LinkModel { harmless_from: Some(Time::ZERO), ..bursts(loss) };
+        assert!(carry_all(&ended, 1_000).iter().all(|f| f.arrivals[0].is_some()));
+    }
+
     #[test]
     fn impairments_end_at_harmless_from() {
         let always: Ratio = "100%".parse().unwrap();
@@ -197,7 +262,7 @@ mod tests {
     fn a_partition_cuts_between_its_sides_while_it_lasts() {
         let cut = Partition { from: Time(10), until: Time(20), side: vec![ModuleId(0), ModuleId(2)] };
         let model = LinkModel { partitions: vec![cut], ..LinkModel::default() };
-        let (mut rng, mut last) = (Rng::named(1, "link", 0), Time::ZERO);
+        let (mut rng, mut last) = (Rng::named(1, "link", 0), LinkState::default());
         let mut passes = |at, a, b| {
             model.carry(Time(at), ModuleId(a), ModuleId(b), &mut rng, &mut last).arrivals[0].is_some()
         };

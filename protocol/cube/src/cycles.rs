@@ -11,6 +11,7 @@
 
 use super::Cube;
 use super::message::{Ask, Message, Reached, RequestId, Role};
+use super::params::Params;
 use super::route::Route;
 use super::view::View;
 use alloc::vec::Vec;
@@ -18,7 +19,7 @@ use metamorph_core::counters::Class;
 use metamorph_core::coverage::{CoveragePoint, hit};
 use metamorph_core::defects::Defect;
 use metamorph_core::lattice::{Cell, Face};
-use metamorph_core::time::Time;
+use metamorph_core::time::{Span, Time};
 
 /// Depths of successive searches, in hops.
 const DEPTHS: [u8; 4] = [4, 8, 14, 22];
@@ -62,6 +63,18 @@ impl SearchState {
         let mut parts = Face::in_mask(self.nodes).map(|f| self.part[f.index()]);
         let first = parts.next();
         parts.all(|part| Some(part) == first)
+    }
+}
+
+/// Returns how long a search of this depth waits for answers.
+fn search_lasts(p: &Params, depth: u8) -> Span {
+    p.usual_delay * (2 * (u64::from(depth) + 2)) + p.tick() * 8
+}
+
+impl Params {
+    /// Returns how long the searches of one attempt last at most, all depths together.
+    pub fn longest_search(&self) -> Span {
+        DEPTHS.iter().fold(Span::ZERO, |all, depth| all + search_lasts(self, *depth))
     }
 }
 
@@ -147,15 +160,27 @@ impl Cube {
         let (origin, token, depth) = (self.own.id, attempt.token, state.depth as u8);
         let (live, dead) = (state.nodes & !state.dead, state.lost(state.dead));
         let from = if dead != 0 { live } else { state.lost(live) };
-        let p = self.own.params();
-        attempt.timeout = now + p.usual_delay * (2 * (u64::from(ttl) + 2)) + p.tick() * 8;
+        attempt.timeout = now + search_lasts(self.own.params(), ttl);
         for face in Face::in_mask(from) {
             let id = RequestId { origin, token, number: depth * 8 + face as u8 };
             if let Some(route) = Route::new(&[face]) {
-                let message = Message::Search { id, ttl, dead, route };
-                self.out.send(&self.sides, face, Class::Connectivity, message);
+                self.pass_on(now, face, |number| Message::Search { id, ttl, dead, route, number });
             }
         }
+    }
+
+    /// Sends a message of a search over a face, and repeats it until it is acknowledged.
+    fn pass_on(&mut self, now: Time, face: Face, numbered: impl FnOnce(u16) -> Message) {
+        if self.sides.is_touching(face) {
+            let message = self.retransmission.send(face, now + self.own.params().answer_over(1), numbered);
+            self.out.send(&self.sides, face, Class::Connectivity, message);
+        }
+    }
+
+    /// Acknowledges a message of a search. Returns false if it has come before.
+    pub(super) fn acknowledge(&mut self, face: Face, number: u16) -> bool {
+        self.out.send(&self.sides, face, Class::Connectivity, Message::Heard { number });
+        self.retransmission.hear(face, number)
     }
 
     /// Repeats the search with the next depth. Returns false if the last depth has been tried, or if there is no
@@ -217,8 +242,7 @@ impl Cube {
         });
         let hop = route.hop_count() as u8 - 1;
         for reached in reached {
-            let message = Message::Found { id, hop, reached, route };
-            self.out.send(&self.sides, from, Class::Connectivity, message);
+            self.pass_on(now, from, |number| Message::Found { id, hop, reached, route, number });
         }
         let dead = dead & !beside;
         if ttl == 0 || (is_answered && dead == 0) {
@@ -227,8 +251,8 @@ impl Cube {
         for face in Face::ALL.into_iter().filter(|f| *f != from) {
             let on = self.sides.support(face).is_some_and(|b| b.epoch == self.own.epoch);
             if on && let Some(route) = route.then(face) {
-                let message = Message::Search { id, ttl: ttl - 1, dead, route };
-                self.out.send(&self.sides, face, Class::Connectivity, message);
+                let ttl = ttl - 1;
+                self.pass_on(now, face, |number| Message::Search { id, ttl, dead, route, number });
             }
         }
     }
@@ -257,8 +281,8 @@ impl Cube {
         }
         if depth > 0 {
             if let Some(to) = route.hop(depth - 1).map(Face::opposite) {
-                let message = Message::Found { id, hop: hop - 1, reached, route };
-                self.out.send(&self.sides, to, Class::Connectivity, message);
+                let hop = hop - 1;
+                self.pass_on(now, to, |number| Message::Found { id, hop, reached, route, number });
             }
             return;
         }
@@ -296,13 +320,12 @@ mod tests {
     use super::*;
     use crate::control::Order;
     use crate::epoch::Epoch;
-    use crate::message::{Beacon, Claim, Entry, Rank};
-    use crate::params::{Connectivity, Params, Setup};
+    use crate::message::Beacon;
+    use crate::params::{Connectivity, Setup};
     use metamorph_core::agent::{Agent, Input, Output};
     use metamorph_core::goal::{Goal, Growth};
     use metamorph_core::ids::{ModuleId, Port, Session, Token};
     use metamorph_core::lattice::{Motion, MotionKind};
-    use metamorph_core::time::Span;
 
     /// Returns a module in reserve at the origin with a live neighbour in the east and a dead one in the
     /// west.
@@ -317,28 +340,7 @@ mod tests {
         for port in [east, west] {
             cube.handle(Time::ZERO, Input::Contact { port, session: Some(session) });
         }
-        let beacon = Beacon {
-            id: ModuleId(1),
-            sequence: 1,
-            epoch: Epoch::first(0),
-            role: Role::Reserve,
-            attached: true,
-            immobile: false,
-            supported_here: false,
-            wants_you: false,
-            quarantined: false,
-            final_hops: Beacon::NO_FINAL,
-            supports: Face::West.bit(),
-            finals: 0,
-            filled: 0,
-            rank: Rank { rooted: Time::ZERO, label: 3 },
-            renew: Time::ZERO,
-            claim: Claim::None,
-            ack: None,
-            corners: 0,
-            subtree: 0,
-            field: [Entry::NONE; 4],
-        };
+        let beacon = Beacon { supports: Face::West.bit(), ..Beacon::first(ModuleId(1)) };
         cube.handle(Time::ZERO, Input::Message { port: east, message: Message::Beacon(beacon) });
         let now = Time::ZERO;
         let order = Order::Condemn {
@@ -387,7 +389,7 @@ mod tests {
             let mut cube = between(was_final);
             let (id, dead, route) = search_of(&mut cube);
             assert_eq!(dead, looked_for);
-            let found = Message::Found { id, hop: 0, reached, route };
+            let found = Message::Found { id, hop: 0, reached, route, number: 0 };
             cube.handle(NOW, Input::Message { port: EAST, message: found });
             let asked = sent(&mut cube);
             let is_lock = |(_, m): &&(Port, Message)| matches!(m, Message::Request { ask: Ask::Lock, .. });
@@ -407,13 +409,13 @@ mod tests {
         sent(&mut cube);
         let id = RequestId { origin: ModuleId(9), token: Token(4), number: 0 };
         // The dead module is in the west. The first origin is to its north.
-        for (hops, dead, is_answered) in [
+        for (number, (hops, dead, is_answered)) in (0u16..).zip([
             (&[Face::East, Face::East, Face::South, Face::West][..], Face::South, true),
             (&[Face::East, Face::East, Face::South, Face::West], Face::West, false),
             (&[Face::East, Face::South, Face::West], Face::South, false),
-        ] {
+        ]) {
             let route = Route::new(hops).unwrap();
-            let message = Message::Search { id, ttl: 3, dead: dead.bit(), route };
+            let message = Message::Search { id, ttl: 3, dead: dead.bit(), route, number };
             cube.searches.clear();
             cube.handle(NOW, Input::Message { port: EAST, message });
             let found = sent(&mut cube).into_iter().any(

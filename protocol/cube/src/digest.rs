@@ -21,6 +21,8 @@ impl Cube {
             attempt,
             moving,
             searches,
+            retransmission,
+            relays,
             prevented,
             next_epoch,
             beacons,
@@ -62,9 +64,11 @@ impl Cube {
         (immobile, prevented, restarted).hash(hasher);
         quarantine_until.hash(hasher);
         planner.digest(hasher, DigestPart::Targets);
-        // Without commands, calls and closed epochs the hash is that of a swarm that knows none.
+        // Without searches, repetitions, commands, calls and closed epochs the hash is that of a swarm that knows none.
         steered.iter().for_each(|steered| steered.hash(hasher));
         called.iter().for_each(|called| called.hash(hasher));
+        retransmission.hash(hasher);
+        relays.hash(hasher);
         let is_closed_next = next_epoch.as_ref().is_some_and(|next| next.is_closed);
         if *is_closed || is_closed_next {
             (is_closed, is_closed_next).hash(hasher);

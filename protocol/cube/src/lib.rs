@@ -38,7 +38,9 @@ mod negotiation;
 pub mod params;
 mod parent_forest;
 mod queries;
+mod relays;
 mod reporter;
+mod retransmission;
 pub mod route;
 mod sides;
 pub mod steering;
@@ -75,7 +77,9 @@ use motion_planner::MotionPlanner;
 use negotiation::Attempt;
 use params::{Connectivity, Setup};
 use parent_forest::{Effect, Held, ParentForest, Tokens};
+use relays::Relays;
 use reporter::Reporter;
+use retransmission::Retransmission;
 use sides::Sides;
 use steering::Steered;
 use view::{GoalMasks, Own, Shared, View};
@@ -95,6 +99,9 @@ pub struct Cube {
     moving: Option<Attempt>,
     /// The searches that this module saw last; it passes each of them on only once.
     searches: VecDeque<RequestId>,
+    retransmission: Retransmission,
+    /// Requests of others that this module has passed on, and that have not been answered.
+    relays: Relays,
     /// The number of this module's reservation requests that were denied because the cell was occupied or reserved.
     prevented: u32,
     /// An epoch that was heard of during a move; taken up when the move has ended.
@@ -172,10 +179,12 @@ enum Timer {
     Quarantine,
     /// The end of a call.
     Call,
+    /// The next repetition for others.
+    Repeat,
 }
 
 impl Timer {
-    const ALL: [Timer; 8] = [
+    const ALL: [Timer; 9] = [
         Timer::Decision,
         Timer::Answers,
         Timer::Beacon,
@@ -184,6 +193,7 @@ impl Timer {
         Timer::Lease,
         Timer::Quarantine,
         Timer::Call,
+        Timer::Repeat,
     ];
 }
 
@@ -242,6 +252,8 @@ impl Agent for Cube {
             attempt: None,
             moving: None,
             searches: VecDeque::new(),
+            retransmission: Retransmission::default(),
+            relays: Relays::default(),
             prevented: 0,
             next_epoch: None,
             beacons: Beacons::new(),
@@ -327,6 +339,7 @@ impl Cube {
         let lost = self.sides.peer(face).map(|b| b.id);
         self.sides.begin(face, session);
         self.beacons.on_contact(face);
+        self.retransmission.on_contact(face);
         self.forest.on_contact(face, session.is_none());
         if session.is_none() {
             let own = &mut self.own;
@@ -360,12 +373,17 @@ impl Cube {
                 self.release_locks(|lock| is_of(lock) && !lock.is_of_controller());
                 self.decide_soon(now);
             }
-            Message::Search { id, ttl, dead, route } => {
-                self.on_search(now, face, id, (ttl, dead), route);
+            Message::Search { id, ttl, dead, route, number } => {
+                if self.acknowledge(face, number) {
+                    self.on_search(now, face, id, (ttl, dead), route);
+                }
             }
-            Message::Found { id, hop, reached, route } => {
-                self.on_found(now, face, id, hop, reached, route);
+            Message::Found { id, hop, reached, route, number } => {
+                if self.acknowledge(face, number) {
+                    self.on_found(now, face, id, hop, reached, route);
+                }
             }
+            Message::Heard { number } => self.retransmission.on_heard(face, number),
         }
     }
 
@@ -528,6 +546,7 @@ impl Cube {
         self.finals = Face::mask(Face::in_mask(v.sides.support_mask()).filter(is_final));
         self.filled = self.finals | (v.sides.certified_mask() & v.own.masks.cells);
         self.tend_attempt(now);
+        self.repeat_for_others(now);
         if now >= self.planner.decide_at {
             self.decide(now);
         }
@@ -584,6 +603,7 @@ impl Cube {
             Timer::Refresh | Timer::Quarantine => Time::NEVER,
             Timer::Lease => self.locks.next_expiry(),
             Timer::Call => self.call_ends().unwrap_or(Time::NEVER),
+            Timer::Repeat => self.retransmission.due().min(self.relays.due()),
         }
     }
 }

@@ -163,6 +163,33 @@ impl Beacon {
     /// The number of hops in [`Beacon::final_hops`] of a module that cannot have been finalized before.
     pub const NO_FINAL: u8 = u8::MAX;
 
+    /// Returns the first beacon of a module in reserve that is attached and knows of nothing else.
+    #[cfg(test)]
+    pub(super) fn first(id: ModuleId) -> Beacon {
+        Beacon {
+            id,
+            sequence: 1,
+            epoch: Epoch::first(0),
+            role: Role::Reserve,
+            attached: true,
+            immobile: false,
+            supported_here: false,
+            wants_you: false,
+            quarantined: false,
+            final_hops: Beacon::NO_FINAL,
+            supports: 0,
+            finals: 0,
+            filled: 0,
+            rank: Rank { rooted: Time::ZERO, label: 3 },
+            renew: Time::ZERO,
+            claim: Claim::None,
+            ack: None,
+            corners: 0,
+            subtree: 0,
+            field: [Entry::NONE; 4],
+        }
+    }
+
     /// Returns true if another beacon is the same except for the distances and the sequence number.
     pub(super) fn differs_in_field_only(&self, other: &Beacon) -> bool {
         (Beacon { sequence: self.sequence, field: self.field, ..*other }) == *self
@@ -295,6 +322,8 @@ pub enum Message {
         dead: u8,
         /// The route so far.
         route: Route,
+        /// The number among the messages over this face that are acknowledged.
+        number: u16,
     },
     /// A search has reached another neighbour of its origin, a finalized module, or one that touches a dead neighbour of the
     /// origin.
@@ -307,6 +336,13 @@ pub enum Message {
         reached: Reached,
         /// The route.
         route: Route,
+        /// The number among the messages over this face that are acknowledged.
+        number: u16,
+    },
+    /// Acknowledges a [`Message::Search`] or a [`Message::Found`].
+    Heard {
+        /// Its number.
+        number: u16,
     },
 }
 
@@ -447,8 +483,9 @@ messages!(Message {
         if co_owners < 64 => "face mask"
         if is_inside(hop, &route, 0) => "hop",
     3 => Release { origin, token },
-    4 => Search { id, ttl, dead, route } if dead < 64 => "dead",
-    5 => Found { id, hop, reached, route } if is_inside(hop, &route, 0) => "hop",
+    4 => Search { id, ttl, dead, route, number } if dead < 64 => "dead",
+    5 => Found { id, hop, reached, route, number } if is_inside(hop, &route, 0) => "hop",
+    6 => Heard { number },
 }
     fn wire_len(&self) -> usize {
         // Fixed layouts; a test compares them with what `encode` writes.
@@ -458,8 +495,9 @@ messages!(Message {
                 Message::Request { .. } => 30,
                 Message::Response { .. } => 27,
                 Message::Release { .. } => 8,
-                Message::Search { .. } => 22,
-                Message::Found { .. } => 22,
+                Message::Search { .. } => 24,
+                Message::Found { .. } => 24,
+                Message::Heard { .. } => 2,
             }
     }
 );

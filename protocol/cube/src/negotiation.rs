@@ -86,12 +86,6 @@ impl Cube {
         self.ask(now, route, Ask::Reserve(face));
     }
 
-    /// Returns how long to wait for an answer over a route: two usual delays per hop, and eight ticks.
-    fn answers_within(&self, route: Route) -> Span {
-        let p = self.own.params();
-        p.usual_delay * (2 * route.hop_count() as u64) + p.tick() * 8
-    }
-
     /// Sends one request of the current attempt.
     pub(super) fn ask(&mut self, now: Time, route: Route, ask: Ask) {
         let Some(attempt) = &mut self.attempt else { return };
@@ -103,7 +97,7 @@ impl Cube {
             RequestId { origin: self.own.id, token: attempt.token, number: attempt.requests.len() as u8 };
         attempt.requests.push(Request { route, ask, granted: false });
         let first = attempt.requests.len() == 1;
-        let answer = now + self.answers_within(route);
+        let answer = now + self.own.params().answer_over(route.hop_count());
         if let Some(attempt) = &mut self.attempt {
             attempt.timeout = if first { answer } else { attempt.timeout.max(answer) };
         }
@@ -119,8 +113,8 @@ impl Cube {
     }
 
     /// Repeats the requests that have not been answered. Returns false if no answer could arrive before the deadline.
-    /// A module that has already granted such a request confirms the grant without extending its lease. Without
-    /// repetition, the loss of a single message would fail the whole attempt.
+    /// A module that has already granted such a request confirms the grant without extending its lease, or repeats it to the
+    /// next one. Without repetition, the loss of a single message would fail the whole attempt.
     fn ask_again(&mut self, now: Time) -> bool {
         let Some(attempt) = &self.attempt else { return false };
         let open: Vec<(RequestId, Route, Ask)> = (0u8..)
@@ -130,11 +124,11 @@ impl Cube {
                 (RequestId { origin: self.own.id, token: attempt.token, number }, r.route, r.ask)
             })
             .collect();
-        let Some(answer) = open.iter().map(|(_, route, _)| now + self.answers_within(*route)).max() else {
-            return false;
-        };
+        let Some(longest) = open.iter().map(|(_, route, _)| route.hop_count()).max() else { return false };
+        let p = self.own.params();
+        let (answer, earliest) = (now + p.answer_over(longest), now + p.answer_over(1));
         let hopeless = open.iter().any(|(_, r, _)| r.hop(0).is_none_or(|f| self.sides.live(f).is_none()));
-        if answer > attempt.deadline || hopeless {
+        if earliest > attempt.deadline || hopeless {
             return false;
         }
         hit(CoveragePoint::CubeAskedAgain);
@@ -181,14 +175,14 @@ impl Cube {
                 self.locks.granted_beyond(id, 0);
                 self.answer(from, id, hop - 1, None, None, 0, route);
             }
+            // It is repeated from here, when that is due.
+            (Ok(()), Some(_)) if self.relays.is_open(id) => {}
             (Ok(()), Some(next)) => {
                 let class = if ask == Ask::Lock { Class::Connectivity } else { Class::Negotiation };
-                self.out.send(
-                    &self.sides,
-                    next,
-                    class,
-                    Message::Request { id, age, hop: hop + 1, ask, route },
-                );
+                let message = Message::Request { id, age, hop: hop + 1, ask, route };
+                self.out.send(&self.sides, next, class, message);
+                let again = now + self.own.params().answer_over(route.hop_count() - depth);
+                self.relays.add(id, next, message, again);
             }
             (Ok(()), None) => {
                 let co_owners = match ask {
@@ -370,6 +364,37 @@ impl Cube {
             self.out.push(Output::Act(super::Move { motion, not_after }));
             self.moving = Some(attempt);
             self.invalidate();
+        }
+    }
+
+    /// Repeats what has been passed on for others and not been answered.
+    pub(super) fn repeat_for_others(&mut self, now: Time) {
+        self.relays.drop_settled(|id| self.locks.find(id).is_some_and(|lock| lock.beyond.is_none()));
+        self.deny_cut_off();
+        let interval = self.own.params().answer_over(1);
+        let (out, sides) = (&mut self.out, &self.sides);
+        self.retransmission.tend(now, interval, |face, message| {
+            hit(CoveragePoint::CubeSearchRepeated);
+            out.send(sides, face, Class::Connectivity, message);
+        });
+        self.relays.tend(now, interval, |face, message| {
+            hit(CoveragePoint::CubeRelayRepeated);
+            let is_lock = matches!(message, Message::Request { ask: Ask::Lock, .. });
+            let class = if is_lock { Class::Connectivity } else { Class::Negotiation };
+            out.send(sides, face, class, message);
+        });
+    }
+
+    /// Denies the requests that were passed on to a module which has left before it has answered.
+    fn deny_cut_off(&mut self) {
+        for message in self.relays.take_cut_off(|face| self.sides.is_touching(face)) {
+            let Message::Request { id, hop, route, .. } = message else { continue };
+            hit(CoveragePoint::CubeRelayCutOff);
+            self.locks.withdraw(id);
+            let before = usize::from(hop) - 2;
+            if let Some(back) = route.hop(before).map(Face::opposite) {
+                self.answer(back, id, before as u8, Some(Denial::NoSupport), None, 0, route);
+            }
         }
     }
 

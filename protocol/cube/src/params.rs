@@ -15,6 +15,9 @@ pub(super) const BACK_OFF_SPREAD: u64 = 8;
 /// The largest number of times that [`BACK_OFF_SPREAD`] doubles.
 pub(super) const MOST_DOUBLED: u8 = 4;
 
+/// The number of hops of a request beyond which an answer is not waited for longer.
+const HOPS_WAITED: usize = 3;
+
 /// How a module makes sure that the structure stays in one piece when it leaves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -137,6 +140,12 @@ impl Params {
     /// Returns the time unit of back-offs, a twentieth of a move.
     pub fn tick(&self) -> Span {
         (self.move_time / 20).max(Span(1))
+    }
+    /// Returns how long the answer of a module `hops` away may take before the request is repeated: two usual delays a hop, and
+    /// eight ticks. On a longer way than [`HOPS_WAITED`] it is repeated earlier, because what was lost on its first hops would
+    /// be noticed too late.
+    pub fn answer_over(&self, hops: usize) -> Span {
+        self.usual_delay * (2 * hops.min(HOPS_WAITED) as u64) + self.tick() * 8
     }
     /// Returns the longest wait after a failed attempt.
     pub fn longest_back_off(&self) -> Span {

@@ -117,6 +117,11 @@ impl Calls {
         self.plans
     }
 
+    /// Returns true while a module is called, or asked to carry the called one.
+    pub fn is_active(&self) -> bool {
+        self.asked.is_some() || self.sent.is_some()
+    }
+
     /// Counts the steps that the called module has made.
     pub fn count(&mut self, world: &CubeWorld) {
         let Some(sent) = &mut self.sent else { return };

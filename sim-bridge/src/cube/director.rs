@@ -266,7 +266,10 @@ impl Director {
         }
         let (standing, stop) = (self.standing(now), self.monitor.stop);
         let Standing { is_planned, idle_since, no_gain_since, .. } = standing;
-        if let Some(outcome) = self.monitor.verdict(now, standing) {
+        // The help that is under way ends by itself, and its end may be progress.
+        let is_helped = self.calls.is_active() || self.global_plan.is_active();
+        let verdict = self.monitor.verdict(now, standing);
+        if let Some(outcome) = verdict.filter(|outcome| *outcome == Outcome::Timeout || !is_helped) {
             let since = if outcome == Outcome::Livelock { no_gain_since } else { idle_since };
             let stall = self.building().diagnose(world, since);
             self.monitor.give_up(now, outcome, stall);

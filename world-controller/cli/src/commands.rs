@@ -130,8 +130,7 @@ fn groups() -> String {
     let mut section = |heading: &str, commands: &[&dyn Command]| {
         text += &format!("{heading}:\n");
         for command in commands {
-            let about = command.define().get_about().map(ToString::to_string).unwrap_or_default();
-            text += &entry(command.name(), &about, widest);
+            text += &entry(command.name(), command.about(), widest);
         }
         text.push('\n');
     };

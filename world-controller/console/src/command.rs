@@ -51,6 +51,8 @@ pub trait Command: Sync {
     fn name(&self) -> &'static str;
     /// Returns the group that lists it in the help; `None` if it is not listed.
     fn group(&self) -> Option<Group>;
+    /// Returns one sentence about it, without its period.
+    fn about(&self) -> &'static str;
     /// Returns the definition of its arguments and its help.
     fn define(&self) -> clap::Command;
     /// Executes it with parsed arguments, and returns the exit code.
@@ -80,6 +82,9 @@ impl<A: Args> Command for CommandOf<A> {
     }
     fn group(&self) -> Option<Group> {
         self.group
+    }
+    fn about(&self) -> &'static str {
+        self.about
     }
     fn define(&self) -> clap::Command {
         let command = A::augment_args(clap::Command::new(self.name)).about(self.about).long_about(None);

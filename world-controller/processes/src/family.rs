@@ -29,7 +29,7 @@ use metamorph_scenario::{Overrides, Plan};
 use metamorph_scene::scene::Scene;
 use metamorph_scene::shared::Shared;
 use metamorph_sim_bridge::director::progress::Progress;
-use metamorph_text::command_error::CommandError;
+use metamorph_text::command_error::{CommandError, FAILED};
 use metamorph_text::sources::Sources;
 use std::ffi::OsString;
 use std::path::Path;
@@ -238,7 +238,14 @@ pub enum AgentProcessError {
     Agent(#[from] AgentError),
 }
 
-impl CommandError for AgentProcessError {}
+impl CommandError for AgentProcessError {
+    fn exit_code(&self) -> u8 {
+        match self {
+            AgentProcessError::Args(_) => FAILED,
+            AgentProcessError::Agent(error) => error.exit_code(),
+        }
+    }
+}
 
 /// Runs one agent process, started by a controller with these arguments, until its controller stops it or is
 /// gone. The first argument is the family.

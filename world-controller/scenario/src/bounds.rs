@@ -15,10 +15,12 @@
 //!   2·(n·log(1 + √p) + log(ONCE_IN))/log(1/p)` of them have a probability below 1/ONCE_IN.
 //! - An *exchange* is repeated until it is answered. For l messages, all of which have to arrive, `k =
 //!   log(ONCE_IN)/log(1/(1 - qˡ))` tries all fail with a probability below 1/ONCE_IN.
+//! - An *attempt* goes over h hops, on each of which a message is repeated until it is answered, and has time for t tries
+//!   in all. It succeeds if at least h of t tries do, each with the probability q²; and so do attempts after it.
 //!
 //! Impairments that end (`until`) are not counted: a bound starts to run when they have ended.
 
-use metamorph_core::link::LinkModel;
+use metamorph_core::link::{Burst, LinkModel};
 use metamorph_core::ratio::Ratio;
 use metamorph_core::time::Span;
 
@@ -46,10 +48,9 @@ impl Passage {
     pub fn of(link: &LinkModel, delay: Span, usual: Span) -> Passage {
         let lasts = link.harmless_from.is_none();
         let harms = [link.loss, link.reorder, link.corrupt].into_iter().filter(|_| lasts);
-        let spared = |arrives: u64, p: Ratio| {
-            (u128::from(arrives) * u128::from(p.den() - p.num()) / u128::from(p.den())) as u64
-        };
-        Passage { late: delay - usual, arrives: harms.fold(ONE, spared) }
+        let all = harms.fold(ONE, spared);
+        let burst = link.burst.as_deref().filter(|_| lasts);
+        Passage { late: delay - usual, arrives: burst.map_or(all, |burst| least(link, burst)) }
     }
 
     /// Returns the number of repeats within which `copies` items of news have all passed `messages` modules
@@ -77,21 +78,64 @@ impl Passage {
         capped(log(ONCE_IN * copies), log_inverse(ONE - through)) - 1
     }
 
-    /// Returns true if the loss is too high to tell a deadlock from a long wait.
-    pub fn is_beyond(self, bounds: &Bounds) -> bool {
-        self.more_tries(bounds.legs, bounds.copies) + 1 == TRIES_MAX
+    /// Returns the number of attempts after the first within which `copies` concurrent attempts all succeed, in all but one of
+    /// [`ONCE_IN`] cases. An attempt goes over `hops`, one after the other, and has `tries` messages with their answers for all
+    /// of them together.
+    pub fn more_attempts(self, hops: u32, tries: u64, copies: u64) -> u64 {
+        let through = self.over_hops(hops, tries);
+        if through == ONE {
+            return 0;
+        }
+        capped(log(ONCE_IN * copies), log_inverse(ONE - through)) - 1
+    }
+
+    /// Returns the probability that at least `hops` of a number of tries succeed, each of two messages; in units of 1/[`ONE`].
+    fn over_hops(self, hops: u32, tries: u64) -> u64 {
+        let both = (u128::from(self.arrives) * u128::from(self.arrives)) >> 32;
+        if both == u128::from(ONE) {
+            return if tries >= u64::from(hops) { ONE } else { 0 };
+        }
+        // The probability of having got over each number of hops; the last one stays.
+        let mut over = vec![0u128; hops as usize + 1];
+        over[0] = u128::from(ONE);
+        for _ in 0..tries.min(TRIES_MAX) {
+            for hop in (0..hops as usize).rev() {
+                let further = (over[hop] * both) >> 32;
+                over[hop] -= further;
+                over[hop + 1] += further;
+            }
+        }
+        over.last().map_or(0, |all| *all as u64)
     }
 }
 
-/// The ingredients of a swarm's bounds.
+/// Returns the part of a probability that is left if `p` of it is lost.
+fn spared(of: u64, p: Ratio) -> u64 {
+    (u128::from(of) * u128::from(p.den() - p.num()) / u128::from(p.den())) as u64
+}
+
+/// Returns the probability that a message arrives, whatever became of those before: that of the worse state before it.
+fn least(link: &LinkModel, burst: &Burst) -> u64 {
+    let [usual, within] =
+        [link.loss, burst.loss].map(|loss| [loss, link.reorder, link.corrupt].into_iter().fold(ONE, spared));
+    let mixed = |p: Ratio, this: u64, other: u64| spared(this, p) + (other - spared(other, p));
+    mixed(burst.enter, usual, within).min(mixed(burst.leave, within, usual))
+}
+
+/// The bounds of a swarm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bounds {
     /// The bound for a standstill.
     pub stall: Span,
-    /// Messages of the longest exchange.
-    pub legs: u32,
-    /// Exchanges under way at once.
-    pub copies: u64,
+    /// The number of tries after the first that it allows for.
+    pub more_tries: u64,
+}
+
+impl Bounds {
+    /// Returns true if the loss is too high to tell a deadlock from a long wait.
+    pub fn is_beyond(&self) -> bool {
+        self.more_tries + 1 >= TRIES_MAX
+    }
 }
 
 /// Returns `needed / each`, rounded up, and at most [`TRIES_MAX`].
@@ -166,5 +210,24 @@ mod tests {
             }
             assert_eq!(over, 0, "{loss}: {tries} tries");
         }
+    }
+
+    /// As many attempts succeed as computed, to a hundredth.
+    #[test]
+    fn attempts_succeed_as_often_as_computed() {
+        let mut stream = Rng::named(1, "attempts", 0);
+        for (loss, hops, tries) in [("0%", 4, 4), ("0%", 4, 3), ("5%", 4, 5), ("30%", 12, 22), ("50%", 2, 9)]
+        {
+            let (p, passage): (Ratio, _) = (loss.parse().unwrap_or(Ratio::ZERO), losing(loss));
+            let mut succeeds = || {
+                let mut is_answered = || !stream.chance(p) & !stream.chance(p);
+                (0..tries).filter(|_| is_answered()).count() >= hops as usize
+            };
+            let succeeded = (0..20_000).filter(|_| succeeds()).count() as f64 / 20_000.0;
+            let computed = passage.over_hops(hops, tries) as f64 / ONE as f64;
+            assert!((succeeded - computed).abs() < 0.01, "{loss}, {hops} hops: {succeeded}, {computed}");
+        }
+        assert_eq!(losing("0%").more_attempts(4, 4, 6), 0);
+        assert_eq!(losing("0%").more_attempts(4, 3, 6), TRIES_MAX - 1, "no attempt is long enough");
     }
 }

@@ -7,6 +7,7 @@ use super::hosts::HostsProblem;
 use super::settings::KeyError;
 use metamorph_core::goal::GoalError;
 use metamorph_core::lattice::Cell;
+use metamorph_core::link::QuantilesError;
 use metamorph_core::ratio::RatioError;
 use metamorph_core::shape::ShapeError;
 use metamorph_core::time::{Span, SpanError};
@@ -129,6 +130,9 @@ pub enum ScenarioError {
     /// Not a command of an operator.
     #[error("{0}")]
     Command(String),
+    /// Quantiles that are none of a delay.
+    #[error("{0}")]
+    Quantiles(QuantilesError),
     /// A number outside its range.
     #[error("{what} is {got}, which is not between {low} and {high}")]
     Range {
@@ -294,6 +298,10 @@ impl ScenarioError {
                 format!("write for example `{example}`")
             }
             ScenarioError::NotYet { instead, .. } => (*instead).into(),
+            ScenarioError::Quantiles(_) => {
+                "write growing shares up to 100%, for example `[[\"50%\", \"2ms\"], [\"100%\", \"80ms\"]]`"
+                    .into()
+            }
             ScenarioError::Range { low, high, .. } => format!("write a value from {low} to {high}"),
             ScenarioError::Time(_) => "write a number and a unit, such as `200ms`, `1.5s` or `2min`".into(),
             ScenarioError::Probability(_) => "write a value from `0%` to `100%`".into(),

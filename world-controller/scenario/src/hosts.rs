@@ -1,6 +1,7 @@
 //! `[link.between_hosts]`: the hosts of a swarm, which modules are at home on each, and the links between hosts.
 //! Absent: faults of hosts (`faults`).
 
+use super::bounds::ONE;
 use super::diagnostics::{At, Diagnostics, Place};
 use super::error::{LONGEST, ScenarioError};
 use super::placement;
@@ -8,10 +9,11 @@ use super::raw::RawLink;
 use super::schema::{Definitions, of, said, table, text};
 use super::table::{Delay, Node, Read, Section, elements, span, wrong};
 use metamorph_core::ids::{HostId, ModuleId};
-use metamorph_core::link::{ClockOffset, Hosts, LinkModel};
+use metamorph_core::link::{Burst, ClockOffset, Hosts, LinkModel};
 use metamorph_core::time::Span;
 use serde_json::json;
 use std::iter::repeat_n;
+use std::sync::Arc;
 use thiserror::Error;
 use toml::de::DeValue;
 
@@ -222,7 +224,7 @@ impl RawHosts {
     /// Returns the longest delay of a link, if it is longer than that within a host.
     pub fn longest_delay(&self, within: Span, diagnostics: &mut Diagnostics) -> Span {
         let links = std::iter::once(&self.link).chain(self.pairs.iter().map(|(_, link)| link));
-        let mut longest = within;
+        let mut longest = links.clone().map(RawLink::longest_within).fold(within, Span::max);
         for At { value: Delay(_, max), place } in links.filter_map(|link| link.delay.as_ref()) {
             if *max > LONGEST {
                 let (got, low, high) = (max.to_string(), Span::ZERO.to_string(), LONGEST.to_string());
@@ -242,6 +244,7 @@ impl RawHosts {
             loss: worst.loss.larger(link.loss),
             reorder: worst.reorder.larger(link.reorder),
             corrupt: worst.corrupt.larger(link.corrupt),
+            burst: [&worst.burst, &link.burst].into_iter().flatten().max_by_key(lost_within).cloned(),
             ..worst
         })
     }
@@ -329,6 +332,11 @@ impl RawHosts {
     }
 }
 
+/// Returns the part of the messages within bursts that are lost, in units of 1/[`ONE`].
+fn lost_within(burst: &&Arc<Burst>) -> u64 {
+    u64::from(burst.loss.num()) * ONE / u64::from(burst.loss.den())
+}
+
 fn read_pair(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<(Pair, RawLink)> {
     let mut section = Section::of(node, "[[link.between_hosts.pair]]", PAIR, diagnostics)?;
     let hosts = match section.node("hosts") {
@@ -385,7 +393,8 @@ pub fn schema() -> Definitions {
     let number = json!({ "type": "integer", "minimum": 1, "maximum": MAX_HOSTS });
     let rates = |mut own: serde_json::Value, otherwise: &str| {
         let rate = |kind| said(&format!("If left out, as {otherwise}."), of(kind));
-        own["delay"] = rate("delay");
+        own["delay"] = rate("link-delay");
+        own["burst"] = rate("burst");
         for key in ["loss", "duplicate", "reorder", "corrupt"] {
             own[key] = rate("probability");
         }

@@ -2,7 +2,7 @@
 
 use super::Plan;
 use metamorph_core::ids::HostId;
-use metamorph_core::link::{Hosts, LinkModel};
+use metamorph_core::link::{Burst, Hosts, LinkModel};
 use metamorph_text::format::{many, whole_percent};
 use std::fmt::{Result, Write};
 
@@ -88,6 +88,7 @@ pub fn rates(link: &LinkModel) -> String {
     let mut out = match (link.delay_min, link.delay_max) {
         (min, max) if max.0 == 0 && min.0 == 0 => "no added delay".to_owned(),
         (min, max) if min == max => format!("delay {min}"),
+        (min, max) if link.quantiles.is_some() => format!("delay {min} to {max}, by quantiles"),
         (min, max) => format!("delay {min} to {max}"),
     };
     let rates = [
@@ -98,6 +99,13 @@ pub fn rates(link: &LinkModel) -> String {
     ];
     for (name, rate) in rates.iter().filter(|(_, rate)| !rate.is_zero()) {
         out.push_str(&format!("; {name} {rate}"));
+    }
+    if let Some(burst) = &link.burst {
+        let Burst { enter, leave, loss, delay } = &**burst;
+        let delay = delay.map_or_else(String::new, |(min, max)| format!(", delay {min} to {max}"));
+        out.push_str(&format!(
+            "; bursts: {enter} of messages begin one, {leave} end it; loss {loss}{delay} within"
+        ));
     }
     out
 }

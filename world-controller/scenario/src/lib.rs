@@ -22,6 +22,7 @@ pub mod faults;
 pub mod grid;
 pub mod hosts;
 mod hosts_summary;
+mod link_burst;
 pub mod operator;
 mod placement;
 pub mod plan;

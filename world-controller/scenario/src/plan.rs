@@ -91,7 +91,7 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
         stop,
         rescue: raw.rescue,
         operator,
-        is_beyond: raw.stall.is_none() && passage.is_beyond(&draft.patience.bounds),
+        is_beyond: raw.stall.is_none() && draft.patience.bounds.is_beyond(),
         time_scale,
     })
 }
@@ -160,7 +160,7 @@ fn link(raw: &Raw, kind: LinkKind, time_step: Span, diagnostics: &mut Diagnostic
     let Delay(_, usual) = written.unwrap_or_else(|| default_delay(LinkKind::Sim, time_step));
     let usual = raw.hosts.as_ref().map_or(usual, |hosts| hosts.longest_delay(usual, diagnostics));
     let default = LinkModel { delay_min, delay_max, ..LinkModel::default() };
-    (raw.link.over(&default), usual)
+    (raw.link.over(&default), usual.max(raw.link.longest_within()))
 }
 
 fn time_scale(raw: &Raw, diagnostics: &mut Diagnostics) -> f64 {

@@ -7,14 +7,16 @@ use super::error::{MAX_GOALS, ScenarioError, VERSION};
 use super::family::{RawSwarm, SectionKind, Sections};
 use super::faults::{self, RawFault, Verb};
 use super::hosts::RawHosts;
+use super::link_burst::{self, LinkDelay};
 use super::operator::RawOperator;
 use super::rescue;
 use super::table::{Delay, Node, Section, delay, elements};
 use super::{LinkKind, Overrides};
-use metamorph_core::link::LinkModel;
+use metamorph_core::link::{Burst, LinkModel, Quantiles};
 use metamorph_core::ratio::Ratio;
 use metamorph_core::time::{Span, Time};
 use metamorph_kernel::director::rescue::Rescue;
+use std::sync::Arc;
 use toml::de::DeTable;
 
 /// A link as written.
@@ -22,6 +24,8 @@ use toml::de::DeTable;
 pub struct RawLink {
     /// The shortest and the longest delay.
     pub delay: Option<At<Delay>>,
+    /// The distribution of delays, if it is not uniform.
+    pub quantiles: Option<Arc<Quantiles>>,
     /// The probability of loss.
     pub loss: Option<At<Ratio>>,
     /// The probability of duplication.
@@ -30,15 +34,27 @@ pub struct RawLink {
     pub reorder: Option<At<Ratio>>,
     /// The probability of damage.
     pub corrupt: Option<At<Ratio>>,
+    /// Spells in which the link is worse.
+    pub burst: Option<Arc<Burst>>,
     /// The end of all impairments but the delay.
     pub until: Option<At<Span>>,
 }
 
 impl RawLink {
+    /// Returns the longest delay within a burst.
+    pub fn longest_within(&self) -> Span {
+        self.burst.as_ref().and_then(|burst| burst.delay).map_or(Span::ZERO, |delay| delay.1)
+    }
+
     /// Reads the delay and the probabilities.
     pub fn read_rates(section: &mut Section<'_, '_>, diagnostics: &mut Diagnostics) -> RawLink {
+        let delay: Option<At<LinkDelay>> = section.get("delay", diagnostics);
+        let quantiles = delay.as_ref().and_then(|delay| delay.value.quantiles.clone());
+        let burst = section.node("burst").and_then(|node| link_burst::read(node, diagnostics));
         RawLink {
-            delay: section.get("delay", diagnostics),
+            delay: delay.map(|delay| At { value: delay.value.range, place: delay.place }),
+            quantiles,
+            burst,
             loss: section.get("loss", diagnostics),
             duplicate: section.get("duplicate", diagnostics),
             reorder: section.get("reorder", diagnostics),
@@ -52,9 +68,13 @@ impl RawLink {
         let ratio = |written: &Option<At<Ratio>>, default| written.as_ref().map_or(default, |r| r.value);
         let Delay(delay_min, delay_max) =
             self.delay.as_ref().map_or(Delay(default.delay_min, default.delay_max), |delay| delay.value);
+        // Quantiles of the default are those of its delay.
+        let quantiles = if self.delay.is_some() { &self.quantiles } else { &default.quantiles };
         LinkModel {
             delay_min,
             delay_max,
+            quantiles: quantiles.clone(),
+            burst: self.burst.clone().or_else(|| default.burst.clone()),
             loss: ratio(&self.loss, default.loss),
             duplicate: ratio(&self.duplicate, default.duplicate),
             reorder: ratio(&self.reorder, default.reorder),
@@ -254,6 +274,7 @@ impl Raw {
         }
         if let Some(text) = &overrides.delay {
             let place = Place::Option(format!("--delay {text}"));
+            self.link.quantiles = None;
             self.link.delay =
                 diagnostics.note(&place, delay(text)).map(|(min, max)| At::new(Delay(min, max), place));
         }

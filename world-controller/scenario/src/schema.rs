@@ -13,6 +13,7 @@ use super::error::{MAX_GOALS, VERSION};
 use super::family::{Families, FamilySchema, ScenarioFamily, fault_keys};
 use super::faults;
 use super::hosts;
+use super::link_burst;
 use super::operator;
 use super::plan::{NEVER, TIME_SCALE};
 use super::raw::SEED;
@@ -92,6 +93,7 @@ fn definitions(families: Families) -> Value {
         .chain(commands::schema())
         .chain(hosts::schema())
         .chain(controller_link::schema())
+        .chain(link_burst::schema())
         .chain(rescue::schema())
         .chain(operator::schema())
         .chain(shapes())
@@ -147,13 +149,14 @@ fn shared() -> Definitions {
                     "delay": said(
                         "If left out, from a hundredth to a tenth of a move or of a step of a joint on the simulated \
                          link; of processes, only the real one.",
-                        of("delay"),
+                        of("link-delay"),
                     ),
                     "loss": seldom(),
                     "duplicate": seldom(),
                     "reorder": seldom(),
                     "corrupt": seldom(),
                     "until": said("When all of these but the delay end. Default: never.", of("time")),
+                    "burst": said("If left out, the link is never worse than usual.", of("burst")),
                     "controller": said("If left out, orders and reports take no time.", of("controller-link")),
                     "between_hosts": said("If left out, all modules are on one host.", of("between_hosts")),
                 }),

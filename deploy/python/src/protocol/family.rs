@@ -218,11 +218,7 @@ impl RawSwarm for RawPython {
             modules,
             start_within: None,
             goals: vec!["until".to_owned()],
-            patience: Patience {
-                bounds: Bounds { stall: STALL, legs: 1, copies: 1 },
-                livelock: 1,
-                timeout: 10,
-            },
+            patience: Patience { bounds: Bounds { stall: STALL, more_tries: 0 }, livelock: 1, timeout: 10 },
         })
     }
 }

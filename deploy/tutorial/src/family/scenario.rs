@@ -101,7 +101,10 @@ impl RawSwarm for RawPlate {
             start_within: None,
             goals: self.goals.iter().enumerate().map(name).collect(),
             patience: Patience {
-                bounds: Bounds { stall: repeat * 4 + late + lost, legs: 1, copies: side * side },
+                bounds: Bounds {
+                    stall: repeat * 4 + late + lost,
+                    more_tries: context.passage.more_tries(1, side * side),
+                },
                 livelock: 4,
                 timeout: 4,
             },

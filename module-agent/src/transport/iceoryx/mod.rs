@@ -153,6 +153,7 @@ impl Transport for IceoryxTransport {
         self.open(to).map_err(|e| match e {
             ChannelError::OutOfSpace(shortage) => ConnectError::OutOfSpace(shortage),
             e if e.is_absent() => ConnectError::Unreachable(e.into()),
+            e if e.is_full() => ConnectError::NoSlot(e.into()),
             e => ConnectError::Failed(e.into()),
         })
     }

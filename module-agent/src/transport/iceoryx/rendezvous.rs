@@ -110,6 +110,11 @@ impl ChannelError {
         )
     }
 
+    /// True if all slots of the channel are taken.
+    pub fn is_full(&self) -> bool {
+        matches!(self, ChannelError::Attach { cause, .. } if cause.contains("ExceedsMaxSupported"))
+    }
+
     pub(crate) fn attach(name: &str, cause: impl std::fmt::Debug) -> ChannelError {
         ChannelError::Attach { name: name.to_owned(), cause: format!("{cause:?}") }
     }

@@ -53,13 +53,13 @@ impl LinkChanges {
 
 #[cfg(test)]
 mod tests {
-    use super::super::LinkModel;
+    use super::super::{LinkModel, LinkState};
     use super::*;
     use crate::rng::Rng;
     use crate::time::Time;
 
     fn lost(model: &LinkModel, to: u32) -> usize {
-        let (mut rng, mut last) = (Rng::named(1, "link", 0), Time::ZERO);
+        let (mut rng, mut last) = (Rng::named(1, "link", 0), LinkState::default());
         let mut carry = |i| model.carry(Time(i), ModuleId(0), ModuleId(to), &mut rng, &mut last);
         (0..1_000).filter(|i| carry(*i).arrivals[0].is_none()).count()
     }

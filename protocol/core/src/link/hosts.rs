@@ -157,8 +157,7 @@ impl Hosts {
     /// `last` is the latest delivery in this direction so far.
     pub fn stream(&self, host: HostId, now: Time, rng: &mut Rng, last: &mut Time) -> Time {
         let link = self.link(HostId::CONTROLLER, host);
-        let spread = link.delay_max - link.delay_min;
-        let drawn = link.healed_at(now) + link.delay_min + Span(rng.below(spread.0 + 1));
+        let drawn = link.healed_at(now) + link.delay(None, rng);
         *last = drawn.max(*last);
         *last
     }
@@ -173,6 +172,7 @@ fn link_index(a: HostId, b: HostId) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::link::LinkState;
     use alloc::sync::Arc;
 
     const HOMES: [HostId; 4] = [HostId(0), HostId(1), HostId(2), HostId(1)];
@@ -206,7 +206,7 @@ mod tests {
         let model = LinkModel { partitions: vec![cut], hosts: Some(hosts), ..delayed(9) };
         let mut rng = Rng::named(1, "link", 0);
         let mut takes = |now, from, to| {
-            let mut last = Time::ZERO;
+            let mut last = LinkState::default();
             let fate = model.carry(Time(now), ModuleId(from), ModuleId(to), &mut rng, &mut last);
             fate.arrivals[0].map(|arrival| arrival.at.since(Time(now)))
         };

@@ -73,10 +73,11 @@ fn samples() -> Vec<Message> {
         },
         Message::Response { id, hop: 0, denial: None, blocker: None, co_owners: 0, route },
         Message::Release { origin: ModuleId(9), token: Token(8) },
-        Message::Search { id, ttl: 22, dead: 0b10_0001, route },
-        Message::Found { id, hop: 2, reached: Reached::Neighbour(Face::East), route },
-        Message::Found { id, hop: 1, reached: Reached::Dead(Face::Down), route },
-        Message::Found { id, hop: 0, reached: Reached::Root, route: longest },
+        Message::Search { id, ttl: 22, dead: 0b10_0001, route, number: 9 },
+        Message::Found { id, hop: 2, reached: Reached::Neighbour(Face::East), route, number: 8 },
+        Message::Found { id, hop: 1, reached: Reached::Dead(Face::Down), route, number: 7 },
+        Message::Found { id, hop: 0, reached: Reached::Root, route: longest, number: u16::MAX },
+        Message::Heard { number: 0x1234 },
     ]
 }
 

@@ -27,7 +27,7 @@ use metamorph_core::counters::{Class, Tally};
 use metamorph_core::coverage::{CoveragePoint, hit};
 use metamorph_core::host::{AgentHost, StepContext};
 use metamorph_core::ids::{Incarnation, ModuleId, Port, Revision};
-use metamorph_core::link::LinkModel;
+use metamorph_core::link::{LinkModel, LinkState};
 use metamorph_core::record::MessageName;
 use metamorph_core::rng::Rng;
 use metamorph_core::runtime::Command;
@@ -142,7 +142,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             now: Time::ZERO,
             next_audit: Time::ZERO + config.audit_every,
             modules,
-            links: vec![Link { contact: None, last_arrival: Time::ZERO }; world.len() * W::Agent::PORTS],
+            links: vec![Link { contact: None, state: LinkState::default() }; world.len() * W::Agent::PORTS],
             backlogs: BTreeMap::new(),
             queue: Queue::new(config.link.delay_max),
             parcels: Slab::new(),
@@ -296,7 +296,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             let first = parcel.to.index() * W::Agent::PORTS;
             // Every other one, since two lie within a line of the cache.
             for link in self.links[first..first + W::Agent::PORTS].iter().step_by(2).take(LINES) {
-                read ^= link.last_arrival.0 as u32;
+                read ^= link.state.last.0 as u32;
             }
             read ^= self.modules[parcel.to.index()].revision.0;
         }
@@ -469,7 +469,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         match sensed {
             Sensed::Contact { port, revision, contact } => {
                 let session = contact.map(|c| c.session);
-                *self.link(id, port) = Link { contact, last_arrival: self.now };
+                *self.link(id, port) = Link { contact, state: LinkState::begun(self.now) };
                 self.modules[id.index()].revision = revision;
                 self.trace.event(self.now, 3, id.0, session.map_or(0, |s| u64::from(s.0)));
                 self.feed(id, Input::Contact { port, session });
@@ -549,7 +549,8 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         module.incarnation = incarnation;
         module.sent = 0;
         let first = id.index() * W::Agent::PORTS;
-        self.links[first..first + W::Agent::PORTS].fill(Link { contact: None, last_arrival: self.now });
+        self.links[first..first + W::Agent::PORTS]
+            .fill(Link { contact: None, state: LinkState::begun(self.now) });
         self.trace.event(self.now, 9, id.0, u64::from(incarnation.0));
         self.plan_wake(id);
         self.world.start(self.now, id, incarnation);

@@ -1,6 +1,7 @@
 //! Bounds for a standstill of cubes.
 
 use metamorph_protocol::cube::params::{Connectivity, Params};
+use metamorph_protocol::time::Span;
 use metamorph_scenario::bounds::{Bounds, Passage};
 
 /// Returns the bounds of a swarm of cubes; `sides` is the sum of the sides of the box around start and goals.
@@ -10,19 +11,20 @@ pub fn bounds(params: &Params, sides: u64, passage: Passage) -> Bounds {
     // Per move, and per module that news passes: the first messages of the new neighbours (1), an answer over
     // the longest route (8) before the body moves, and the news of the move (1).
     let late = passage.late * (walk * 10);
-    let hops = if params.connectivity == Connectivity::Cycles { 8 } else { 4 };
-    let legs = hops * 2;
-    // The tries that fit into an attempt; at its end all grants are returned.
-    let asks_for = params.usual_delay * u64::from(legs) + params.tick() * 8;
-    let tries = (params.start_within().0 / asks_for.0.max(1)).max(1);
-    let attempt = params.lease + params.longest_back_off();
+    let (hops, searches) = match params.connectivity {
+        Connectivity::Cycles => (8, params.longest_search()),
+        Connectivity::Forest | Connectivity::Gradient => (4, Span::ZERO),
+    };
+    // At the end of an attempt all grants are returned.
+    let tries = params.start_within().0 / params.answer_over(1).0.max(1);
+    let attempt = params.lease + params.longest_back_off() + searches;
     let copies = 6;
-    let lost = params.heartbeat * passage.repeats(walk, copies)
-        + attempt * passage.more_tries(legs, copies).div_ceil(tries);
+    let more_tries = passage.more_attempts(hops, tries, copies);
+    let lost = params.heartbeat * passage.repeats(walk, copies) + attempt * more_tries;
     // 2.4 moves per cell, and at least the time until cells may be started out of turn.
     let usual =
         (params.move_time * (walk * 12 / 5)).max(params.out_of_turn_after + params.out_of_turn_after / 5);
-    Bounds { stall: usual + late + lost, legs, copies }
+    Bounds { stall: usual + late + lost, more_tries }
 }
 
 #[cfg(test)]
@@ -30,7 +32,7 @@ mod tests {
     use super::*;
     use metamorph_protocol::link::LinkModel;
     use metamorph_protocol::ratio::Ratio;
-    use metamorph_protocol::time::{Span, Time};
+    use metamorph_protocol::time::Time;
     use metamorph_scenario::bounds::ONE;
     use metamorph_scenario::error::{LONGEST, SHORTEST};
 
@@ -69,8 +71,8 @@ mod tests {
         // No link overflows the arithmetic.
         let worst = Passage { late: LONGEST, arrives: 0 };
         assert!(stall(LONGEST, worst) > stall(LONGEST, slow(LONGEST)));
-        let bounds = bounds(&Params::scaled(MOVE, USUAL, 60), 17, losing("0%"));
-        assert!(!losing("50%").is_beyond(&bounds) && losing("60%").is_beyond(&bounds));
+        let is_beyond = |loss| bounds(&Params::scaled(MOVE, USUAL, 60), 17, losing(loss)).is_beyond();
+        assert!(!is_beyond("60%") && is_beyond("90%"));
     }
 
     /// With any valid delay, every protocol waits longer than its messages take.

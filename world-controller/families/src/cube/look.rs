@@ -112,6 +112,7 @@ impl Visible for Cube {
             },
             Message::Release { origin, .. } => MessageLabel::about("released, by", *origin),
             Message::Search { id, .. } => MessageLabel::about("looking for a way around", id.origin),
+            Message::Heard { .. } => MessageLabel::of("heard a search"),
             Message::Found { id, .. } => MessageLabel::about("found a way around", id.origin),
         }
     }

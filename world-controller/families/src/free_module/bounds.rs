@@ -9,8 +9,9 @@ pub fn bounds(setup: &LatticeSetup, modules: usize, passage: Passage) -> Bounds 
     // patience.
     let usual = setup.patience * 4 + setup.window() * 4;
     // A branch lock is asked along the structure and answered back.
-    let (legs, copies) = (2, modules as u64);
+    let copies = modules as u64;
     let late = passage.late * (2 * copies * 8);
-    let lost = setup.resend * (passage.more_tries(legs, copies) * copies);
-    Bounds { stall: usual + late + lost, legs, copies }
+    let more_tries = passage.more_tries(2, copies);
+    let lost = setup.resend * (more_tries * copies);
+    Bounds { stall: usual + late + lost, more_tries }
 }

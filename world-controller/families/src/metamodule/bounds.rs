@@ -12,11 +12,11 @@ pub fn bounds(params: &Params, passage: Passage) -> Bounds {
     // The patience covers four exchanges.
     let late = passage.late * (12 * 8);
     // All metamodules in range have to receive each of the twelve, and to grant what is requested.
-    let (legs, copies) = (2, 24);
+    let copies = 24;
     // Once for the metamodule that makes way, once for the one that moves.
-    let tries = passage.more_tries(legs, copies) * 2;
-    let lost = params.repeat * passage.repeats(12, copies) + params.resend * tries;
-    Bounds { stall: usual + late + lost, legs, copies }
+    let more_tries = passage.more_tries(2, copies);
+    let lost = params.repeat * passage.repeats(12, copies) + params.resend * (more_tries * 2);
+    Bounds { stall: usual + late + lost, more_tries }
 }
 
 #[cfg(test)]

@@ -27,6 +27,8 @@ pub enum Event {
         how: String,
         /// The signal that ended it; `None` if none did.
         signal: Option<i32>,
+        /// True if the operating system denied or took away what it needs.
+        of_machine: bool,
         /// The end of its standard error.
         stderr_tail: String,
     },

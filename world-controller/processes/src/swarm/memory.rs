@@ -237,7 +237,7 @@ fn exited(agent: AgentKey, thread: AgentThread) -> Event {
         Ok(Err(e)) => ("ended with an error".to_owned(), None, e.to_string()),
         Err(panic) => ("panicked".to_owned(), None, said(panic.as_ref())),
     };
-    Event::Exited { agent, how, signal, stderr_tail }
+    Event::Exited { agent, how, signal, of_machine: false, stderr_tail }
 }
 
 /// Returns the text of a panic.

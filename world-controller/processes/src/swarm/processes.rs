@@ -10,7 +10,7 @@ use crate::swarm::pace::Pace;
 use crate::swarm::reserve::{self, Reserve};
 use crate::swarm::resume::{Adopted, Resumption};
 use crate::swarm::run_dir::{RunDir, clean};
-use crate::swarm::supervisor::{Launch, Supervisor};
+use crate::swarm::supervisor::{Launch, Supervisor, oom_kills};
 use crate::swarm::watch::Watch;
 use crate::swarm::{MODULE_LIMIT, SwarmOptions, catch_signals};
 use metamorph_console::shutdown::Shutdown;
@@ -195,6 +195,7 @@ fn launch(options: &SwarmOptions, dir: &RunDir, generation: u32) -> Launch {
         root: dir.root().to_owned(),
         generation,
         verbose: options.verbose,
+        oom_kills: oom_kills(),
     }
 }
 

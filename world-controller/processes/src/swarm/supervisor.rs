@@ -13,6 +13,7 @@ use crate::swarm::signals;
 use metamorph_console::shutdown::{Shutdown, Urgency};
 use metamorph_module_agent::AgentArgs;
 use metamorph_module_agent::journal_file::agent_of;
+use metamorph_module_agent::process::start::EXIT_OF_MACHINE;
 use metamorph_module_agent::run_dir::counter_file::{AgentCounters, CounterFile};
 use metamorph_module_agent::run_dir::identity::Identity;
 use metamorph_module_agent::run_dir::run_name::HOME;
@@ -22,7 +23,7 @@ use metamorph_module_agent::transport::iceoryx::space;
 use rustix::process::{
     Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, kill_process, pidfd_open, pidfd_send_signal, waitid,
 };
-use signal_hook::consts::{SIGBUS, SIGXFSZ};
+use signal_hook::consts::{SIGBUS, SIGILL, SIGKILL, SIGSEGV, SIGXFSZ};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
 use std::fs::File;
@@ -50,6 +51,8 @@ pub struct Launch {
     /// The generation of the controller.
     pub generation: u32,
     pub verbose: bool,
+    /// The number of processes that the kernel had killed for want of memory before the run ([`oom_kills`]).
+    pub oom_kills: u64,
 }
 
 /// A task for the supervisor's thread.
@@ -398,6 +401,7 @@ async fn attend_adopted(
 
 fn exited(launch: &Launch, agent: AgentKey, status: io::Result<ExitStatus>) -> Event {
     let signal = status.as_ref().ok().and_then(ExitStatusExt::signal);
+    let code = status.as_ref().ok().and_then(ExitStatus::code);
     let how = match status {
         Err(e) => format!("could not be waited for: {e}"),
         Ok(status) => match (status.code(), signal) {
@@ -407,12 +411,34 @@ fn exited(launch: &Launch, agent: AgentKey, status: io::Result<ExitStatus>) -> E
                 format!("exited with code {code}, while shared memory ({HOME}) is full,")
             }
             (Some(code), _) => format!("exited with code {code}"),
+            (None, Some(SIGKILL)) if is_of_machine(launch, SIGKILL) => {
+                "was killed by the kernel, because memory has run out,".to_owned()
+            }
             (None, Some(signal)) => killed_by(signal),
             (None, None) => "ended".to_owned(),
         },
     };
     let stderr_tail = if launch.verbose { String::new() } else { tail(&log_path(launch, agent)) };
-    Event::Exited { agent, how, signal, stderr_tail }
+    let of_machine =
+        code == Some(i32::from(EXIT_OF_MACHINE)) || signal.is_some_and(|s| is_of_machine(launch, s));
+    Event::Exited { agent, how, signal, of_machine, stderr_tail }
+}
+
+/// Returns true if the kernel ended a process by this signal for want of memory, or because of a bad address or instruction.
+fn is_of_machine(launch: &Launch, signal: i32) -> bool {
+    match signal {
+        SIGBUS | SIGSEGV | SIGILL => true,
+        SIGKILL => oom_kills() > launch.oom_kills,
+        _ => false,
+    }
+}
+
+/// Returns the number of processes that the kernel has killed since the system started because memory had run out; 0 where it does
+/// not count them.
+pub fn oom_kills() -> u64 {
+    let all = std::fs::read_to_string("/proc/vmstat").unwrap_or_default();
+    let count = |line: &str| line.strip_prefix("oom_kill ")?.trim().parse().ok();
+    all.lines().find_map(count).unwrap_or_default()
 }
 
 fn is_scarce() -> bool {

@@ -6,7 +6,7 @@ use metamorph_core::counters::{Class, Tally};
 use metamorph_core::coverage::{CoveragePoint, hit};
 use metamorph_core::host::AgentHost;
 use metamorph_core::ids::{Incarnation, ModuleId, Port, Revision, Session};
-use metamorph_core::link::{ClockOffset, LinkModel};
+use metamorph_core::link::{ClockOffset, LinkModel, LinkState};
 use metamorph_core::rng::Rng;
 use metamorph_core::runtime::{Contact, Sensed};
 use metamorph_core::time::Time;
@@ -70,7 +70,7 @@ impl<A: Agent> Module<A> {
             counts.expired += 1;
             return;
         };
-        let fate = on.carry(now, from, contact.peer, &mut self.rng, &mut link.last_arrival);
+        let fate = on.carry(now, from, contact.peer, &mut self.rng, &mut link.state);
         let mut copies = 0;
         for arrival in fate.arrivals.into_iter().flatten() {
             copies += 1;
@@ -96,7 +96,7 @@ impl<A: Agent> Module<A> {
 #[derive(Clone, Copy)]
 pub(super) struct Link {
     pub contact: Option<Contact>,
-    pub last_arrival: Time,
+    pub state: LinkState,
 }
 
 /// The inputs that wait for a stopped process, in order.

@@ -320,7 +320,7 @@ impl RawSwarm for RawWalk {
         // A few trials without a step forward, besides what orders and reports take.
         let stall = self.trial * 4 + context.passage.late * 4;
         let patience = Patience {
-            bounds: Bounds { stall, legs: 1, copies: modules as u64 },
+            bounds: Bounds { stall, more_tries: context.passage.more_tries(1, modules as u64) },
             livelock: 1 + self.trials,
             timeout: 2,
         };

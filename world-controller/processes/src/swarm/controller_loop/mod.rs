@@ -210,7 +210,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
                     self.external(agent, &Outside::Stopped { signal: signals::name(signal) });
                 }
                 Event::Continued(agent) => self.external(agent, &Outside::Continued),
-                Event::Exited { agent, how, signal, stderr_tail } => {
+                Event::Exited { agent, how, signal, of_machine, stderr_tail } => {
                     // Frames that it sent before its end are taken before its end is handled.
                     for _ in 0..self.processes.len().max(64) {
                         if self.drain()? < DRAIN {
@@ -220,11 +220,15 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
                     let unasked = |p: &&Process<_, _>| !p.terminating;
                     let process = self.processes.get(agent.0.index()).filter(unasked);
                     let running = |p: &&Process<_, _>| p.verdict.is_none() && p.stage == Stage::Running;
-                    let outside = process.filter(running).and(signal);
+                    let is_running = process.is_some_and(|p| running(&p));
+                    let outside = process.filter(running).and(signal).filter(|_| !of_machine);
                     let outside = outside.filter(|signal| signals::is_from_outside(*signal));
                     let crashed = process.is_some() && outside.is_none();
                     if let Some(signal) = outside {
                         self.external(agent, &Outside::Killed { signal: signals::name(signal) });
+                    }
+                    if of_machine && is_running {
+                        self.end_for_agent(agent.0, &how, &stderr_tail);
                     }
                     self.ended(agent, how, stderr_tail, crashed);
                 }
@@ -496,9 +500,15 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
                 self.run_short(shortage);
                 return false;
             }
+            Err(ConnectError::NoSlot(e)) => {
+                tracing::debug!("module {i} cannot be reached yet: {e}");
+                return false;
+            }
             Err(e) => {
-                tracing::error!("cannot reach module {i}: {e}");
-                self.give_up(i, "could not be reached, and was killed");
+                self.hurried = true;
+                let lacks = "the controller may lack memory (ulimit -v) or file descriptors (ulimit -n)";
+                self.end_early(format!("the controller cannot reach module {i}: {e}; {lacks}"));
+                return false;
             }
         }
         true

@@ -6,6 +6,7 @@ use super::ControllerLoop;
 use crate::swarm::launcher::Backend;
 use metamorph_module_agent::run_dir::run_name::HOME;
 use metamorph_module_agent::transport::SpaceShortage;
+use metamorph_protocol::ids::ModuleId;
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
 
@@ -21,16 +22,23 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         self.looked = now;
         if let Err(shortage) = self.reserve.check() {
             self.run_short(shortage);
-        } else if let Some(dir) = self.dir.filter(|dir| !dir.is_there()) {
-            let root = dir.root().display();
-            let why = format!(
-                "the run's files in shared memory ({root}) were removed from outside; nothing may clean {HOME} during a run \
-                 (of a user without a session, systemd-logind does: RemoveIPC=no)"
-            );
-            // Agents that cannot be reached any more need not be asked to stop.
-            self.hurried = true;
-            self.end_early(why);
+        } else {
+            self.look_for_files();
         }
+    }
+
+    /// Ends the run if its files in shared memory were removed. Returns true if they were.
+    fn look_for_files(&mut self) -> bool {
+        let Some(dir) = self.dir.filter(|dir| !dir.is_there()) else { return false };
+        let root = dir.root().display();
+        let why = format!(
+            "the run's files in shared memory ({root}) were removed from outside; nothing may clean {HOME} during a run \
+             (of a user without a session, systemd-logind does: RemoveIPC=no)"
+        );
+        // Agents that cannot be reached any more need not be asked to stop.
+        self.hurried = true;
+        self.end_early(why);
+        true
     }
 
     pub(super) fn run_short(&mut self, shortage: SpaceShortage) {
@@ -38,8 +46,22 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         self.end_early(shortage.to_string());
     }
 
+    /// Ends the run because the machine has taken away what an agent needs.
+    pub(super) fn end_for_agent(&mut self, id: ModuleId, how: &str, stderr_tail: &str) {
+        if let Err(shortage) = self.reserve.check() {
+            return self.run_short(shortage);
+        }
+        if self.look_for_files() {
+            return;
+        }
+        let said = stderr_tail.lines().rev().find(|line| !line.trim().is_empty());
+        let said = said.map(|line| format!(" and said: {}", line.trim()));
+        self.hurried = true;
+        self.end_early(format!("module {id} {how}{}", said.unwrap_or_default()));
+    }
+
     /// Ends the run because of a fault of the machine, which says nothing about the swarm.
-    fn end_early(&mut self, why: String) {
+    pub(super) fn end_early(&mut self, why: String) {
         if self.outcome.machine_fault.is_none() {
             tracing::error!("the run ends: {why}");
             self.outcome.machine_fault = Some(why);

@@ -38,6 +38,11 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
                     Event::SpawnFailed(agent, e) => return Err(self.spawn_error(agent, e.to_string())),
                     // Its agent has not begun, so the director does not know of it yet.
                     Event::Stopped(..) | Event::Continued(_) => {}
+                    Event::Exited { agent, how, stderr_tail, of_machine: true, .. } => {
+                        self.processes[agent.0.index()].end();
+                        self.launcher.reap(agent);
+                        self.end_for_agent(agent.0, &how, &stderr_tail);
+                    }
                     Event::Exited { agent, how, stderr_tail, .. } => {
                         return Err(SwarmError::DiedEarly { id: agent.0, how, stderr_tail });
                     }

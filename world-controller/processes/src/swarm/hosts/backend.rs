@@ -192,10 +192,12 @@ impl Shared {
                 self.away.remove(&agent);
                 self.events.push_back(Event::SpawnFailed(agent, io::Error::other(why)));
             }
-            ToController::Exited { agent, how, signal, stderr_tail, counters } if is_theirs(&agent) => {
+            ToController::Exited { agent, how, signal, of_machine, stderr_tail, counters }
+                if is_theirs(&agent) =>
+            {
                 self.away.remove(&agent);
                 self.counters.insert(agent, counters.map(|c| c.map(|c| AgentCounters::from(*c))));
-                self.events.push_back(Event::Exited { agent, how, signal, stderr_tail });
+                self.events.push_back(Event::Exited { agent, how, signal, of_machine, stderr_tail });
             }
             ToController::Stopped(agent, signal) if is_theirs(&agent) => {
                 self.events.push_back(Event::Stopped(agent, signal));
@@ -267,7 +269,8 @@ impl Shared {
             self.away.remove(&agent);
             self.counters.insert(agent, self.left_counters(host, agent));
             let (how, signal) = (format!("was lost with {host}: {why}"), Some(Signal::KILL.as_raw()));
-            self.events.push_back(Event::Exited { agent, how, signal, stderr_tail: String::new() });
+            let (of_machine, stderr_tail) = (false, String::new());
+            self.events.push_back(Event::Exited { agent, how, signal, of_machine, stderr_tail });
         }
         if let Some(Err(e)) = self.root_of(host).map(mark_collected) {
             tracing::debug!("{host} is not told that its counts are taken: {e}");

@@ -20,7 +20,7 @@ use crate::swarm::outcome::SwarmError;
 use crate::swarm::processes::{acquire_lease, attach};
 use crate::swarm::reserve::Reserve;
 use crate::swarm::run_dir::{RunDir, clean, leftovers};
-use crate::swarm::supervisor::{Launch, Supervisor};
+use crate::swarm::supervisor::{Launch, Supervisor, oom_kills};
 use metamorph_console::shutdown::{Shutdown, Urgency};
 use metamorph_console::stopwatch::{Stopwatch, wait_until};
 use metamorph_module_agent::clock::{monotonic, page};
@@ -283,7 +283,8 @@ fn prepare<'a>(
         acquire_lease(&dir, GENERATION)?;
         reserve.release_own();
         let root = dir.root().to_owned();
-        let launch = Launch { program, args, root, generation: GENERATION, verbose: assignment.verbose };
+        let (verbose, oom_kills) = (assignment.verbose, oom_kills());
+        let launch = Launch { program, args, root, generation: GENERATION, verbose, oom_kills };
         let (transport, supervisor) = attach(launch, &options.shutdown, &dir, *count as usize, true)?;
         let node = Node::new(assignment, dir.root(), GENERATION).map_err(SwarmError::Clock)?;
         let counters = CounterFile::create(dir.root(), OWN_COUNTERS.0, OWN_COUNTERS.1)?;
@@ -513,7 +514,7 @@ impl Share<'_> {
                 }
                 Event::Stopped(agent, signal) => ToController::Stopped(agent, signal),
                 Event::Continued(agent) => ToController::Continued(agent),
-                Event::Exited { agent, how, signal, stderr_tail } => {
+                Event::Exited { agent, how, signal, of_machine, stderr_tail } => {
                     // Frames that it sent before its end go before the report of its end.
                     for _ in 0..DRAIN {
                         if !self.drain_once()? {
@@ -527,7 +528,7 @@ impl Share<'_> {
                     }
                     let counters =
                         self.supervisor.counters(agent).map(|c| c.map(|c| Box::new(Account::from(c))));
-                    ToController::Exited { agent, how, signal, stderr_tail, counters }
+                    ToController::Exited { agent, how, signal, of_machine, stderr_tail, counters }
                 }
             };
             self.node.tell(HostId::CONTROLLER, &message);

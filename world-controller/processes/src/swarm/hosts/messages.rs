@@ -173,6 +173,8 @@ pub enum ToController {
         how: String,
         /// The signal that ended it.
         signal: Option<i32>,
+        /// True if the operating system denied or took away what it needs.
+        of_machine: bool,
         /// The end of its standard error.
         stderr_tail: String,
         /// Its counters.
