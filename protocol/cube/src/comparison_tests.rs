@@ -2,8 +2,7 @@
 //! a difference on purpose, to show that the comparison detects it.
 
 use super::control::Order;
-use super::epoch::Epoch;
-use super::message::{Beacon, Claim, Entry, Message, Rank, Role};
+use super::message::{Beacon, Entry, Message};
 use super::params::{Params, Setup};
 use super::{Cube, Percept};
 use metamorph_core::agent::{Agent, Input};
@@ -13,28 +12,8 @@ use metamorph_core::lattice::{Cell, Face};
 use metamorph_core::time::{Span, Time};
 
 fn beacon(sequence: u32, distance: u16) -> Beacon {
-    Beacon {
-        id: ModuleId(1),
-        sequence,
-        epoch: Epoch::first(0),
-        role: Role::Reserve,
-        attached: true,
-        immobile: false,
-        supported_here: false,
-        wants_you: false,
-        quarantined: false,
-        final_hops: Beacon::NO_FINAL,
-        supports: Face::West.bit(),
-        finals: 0,
-        filled: 0,
-        rank: Rank { rooted: Time::ZERO, label: 3 },
-        renew: Time::ZERO,
-        claim: Claim::None,
-        ack: None,
-        corners: 0,
-        subtree: 0,
-        field: [Entry { distance, source: 80, version: 1 }; 4],
-    }
+    let field = [Entry { distance, source: 80, version: 1 }; 4];
+    Beacon { sequence, supports: Face::West.bit(), field, ..Beacon::first(ModuleId(1)) }
 }
 
 /// Returns a module that has heard a neighbour in the east and has sent its own beacons, and the time.

@@ -163,7 +163,7 @@ mod tests {
     use crate::Cube;
     use crate::control::{Order, Status};
     use crate::epoch::{Epoch, Opening};
-    use crate::message::{Beacon, Claim, Entry, Message, Rank};
+    use crate::message::{Beacon, Claim, Message, Rank};
     use crate::params::{Params, Setup};
     use metamorph_core::agent::{Agent, Input, Output};
     use metamorph_core::goal::{Goal, Growth};
@@ -230,28 +230,9 @@ mod tests {
         /// Lets the neighbour on a face speak.
         fn speaks(&mut self, face: Face, rank: Rank, set: impl Fn(&mut Beacon)) {
             self.sequence += 1;
-            let mut beacon = Beacon {
-                id: ModuleId(1 + face as u32),
-                sequence: self.sequence,
-                epoch: self.cube.epoch(),
-                role: Role::Reserve,
-                attached: true,
-                immobile: false,
-                supported_here: false,
-                wants_you: false,
-                quarantined: false,
-                final_hops: Beacon::NO_FINAL,
-                supports: 0,
-                finals: 0,
-                filled: 0,
-                rank,
-                renew: Time::ZERO,
-                claim: Claim::None,
-                ack: None,
-                corners: 0,
-                subtree: 0,
-                field: [Entry::NONE; 4],
-            };
+            let (sequence, epoch) = (self.sequence, self.cube.epoch());
+            let id = ModuleId(1 + face as u32);
+            let mut beacon = Beacon { sequence, epoch, rank, ..Beacon::first(id) };
             set(&mut beacon);
             self.hand_in(Input::Message { port: Port(face as u8), message: Message::Beacon(beacon) });
         }

@@ -322,7 +322,7 @@ mod tests {
     use crate::epoch::Epoch;
     use crate::message::Beacon;
     use crate::params::{Connectivity, Setup};
-    use metamorph_core::agent::{Agent, Input, Output};
+    use metamorph_core::agent::{Agent, Input};
     use metamorph_core::goal::{Goal, Growth};
     use metamorph_core::ids::{ModuleId, Port, Session, Token};
     use metamorph_core::lattice::{Motion, MotionKind};
@@ -357,23 +357,13 @@ mod tests {
     const NOW: Time = Time::ZERO;
     const EAST: Port = Port(Face::East as u8);
 
-    /// Returns the messages that a module sends.
-    fn sent(cube: &mut Cube) -> Vec<(Port, Message)> {
-        let outputs = std::iter::from_fn(|| cube.poll());
-        let message = |output| match output {
-            Output::Send { port, message, .. } => Some((port, message)),
-            _ => None,
-        };
-        outputs.filter_map(message).filter(|(_, m)| !matches!(m, Message::Beacon(_))).collect()
-    }
-
     /// Begins a motion of a module between two others, and returns the search that it sends to the east.
     fn search_of(cube: &mut Cube) -> (RequestId, u8, Route) {
         assert_eq!(cube.may_leave(NOW), Ok(()));
-        sent(cube);
+        cube.sent();
         let motion = Motion { kind: MotionKind::Slide, support: Face::East, heading: Face::North };
         cube.begin_attempt(NOW, motion);
-        match sent(cube)[..] {
+        match cube.sent()[..] {
             [(EAST, Message::Search { id, dead, route, .. })] => (id, dead, route),
             ref other => panic!("{other:?}"),
         }
@@ -391,7 +381,7 @@ mod tests {
             assert_eq!(dead, looked_for);
             let found = Message::Found { id, hop: 0, reached, route, number: 0 };
             cube.handle(NOW, Input::Message { port: EAST, message: found });
-            let asked = sent(&mut cube);
+            let asked = cube.sent();
             let is_lock = |(_, m): &&(Port, Message)| matches!(m, Message::Request { ask: Ask::Lock, .. });
             assert_eq!(asked.iter().filter(is_lock).count(), 2, "the neighbour and the route: {asked:?}");
         }
@@ -406,7 +396,7 @@ mod tests {
     #[test]
     fn modules_beside_the_dead_answer() {
         let mut cube = between(false);
-        sent(&mut cube);
+        cube.sent();
         let id = RequestId { origin: ModuleId(9), token: Token(4), number: 0 };
         // The dead module is in the west. The first origin is to its north.
         for (number, (hops, dead, is_answered)) in (0u16..).zip([
@@ -418,7 +408,7 @@ mod tests {
             let message = Message::Search { id, ttl: 3, dead: dead.bit(), route, number };
             cube.searches.clear();
             cube.handle(NOW, Input::Message { port: EAST, message });
-            let found = sent(&mut cube).into_iter().any(
+            let found = cube.sent().into_iter().any(
                 |(_, m)| matches!(m, Message::Found { reached: Reached::Dead(face), .. } if face == dead),
             );
             assert_eq!(found, is_answered, "{hops:?}");

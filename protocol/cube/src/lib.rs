@@ -99,6 +99,7 @@ pub struct Cube {
     moving: Option<Attempt>,
     /// The searches that this module saw last; it passes each of them on only once.
     searches: VecDeque<RequestId>,
+    /// What it has passed on of searches, until it is acknowledged.
     retransmission: Retransmission,
     /// Requests of others that this module has passed on, and that have not been answered.
     relays: Relays,
@@ -204,6 +205,16 @@ impl Cube {
         let (id, place, born) = (metamorph_core::ids::ModuleId(0), Cell::default(), Time::ZERO);
         let birth = Birth { id, place, incarnation: Incarnation(0), seed: 1, born };
         Cube::new(&Arc::new(setup), birth, born)
+    }
+
+    /// Takes the outputs, and returns the messages among them that are no beacons.
+    fn sent(&mut self) -> alloc::vec::Vec<(Port, Message)> {
+        let outputs = core::iter::from_fn(|| self.poll());
+        let message = |output| match output {
+            Output::Send { port, message, .. } => Some((port, message)),
+            _ => None,
+        };
+        outputs.filter_map(message).filter(|(_, m)| !matches!(m, Message::Beacon(_))).collect()
     }
 }
 

@@ -69,7 +69,7 @@ mod tests {
     use crate::params::{Params, Setup};
     use crate::route::Route;
     use alloc::vec::Vec;
-    use metamorph_core::agent::{Agent, Input, Output};
+    use metamorph_core::agent::{Agent, Input};
     use metamorph_core::goal::{Goal, Growth};
     use metamorph_core::ids::{ModuleId, Port, Session, Token};
     use metamorph_core::lattice::{Cell, Face};
@@ -77,15 +77,6 @@ mod tests {
 
     const MOVER: Port = Port(Face::West as u8);
     const NEXT: Port = Port(Face::East as u8);
-
-    fn sent(cube: &mut Cube) -> Vec<(Port, Message)> {
-        let outputs = std::iter::from_fn(|| cube.poll());
-        let message = |output| match output {
-            Output::Send { port, message, .. } => Some((port, message)),
-            _ => None,
-        };
-        outputs.filter_map(message).filter(|(_, m)| !matches!(m, Message::Beacon(_))).collect()
-    }
 
     /// Returns a module between a mover in the west and another module in the east, which has passed on a request of the mover;
     /// and that request as the mover sent it.
@@ -101,12 +92,12 @@ mod tests {
             let beacon = Message::Beacon(Beacon::first(ModuleId(id)));
             cube.handle(now, Input::Message { port, message: beacon });
         }
-        sent(&mut cube);
+        cube.sent();
         let id = RequestId { origin: ModuleId(1), token: Token(1), number: 0 };
         let route = Route::new(&[Face::East, Face::East]).unwrap();
         let request = Message::Request { id, age: Span::ZERO, hop: 1, ask: Ask::Lock, route };
         cube.handle(now, Input::Message { port: MOVER, message: request });
-        assert!(matches!(sent(&mut cube)[..], [(NEXT, Message::Request { hop: 2, .. })]));
+        assert!(matches!(cube.sent()[..], [(NEXT, Message::Request { hop: 2, .. })]));
         (cube, request)
     }
 
@@ -115,16 +106,16 @@ mod tests {
     fn unanswered_requests_are_repeated_on_their_way() {
         let (mut cube, request) = relaying(Time::ZERO);
         cube.handle(Time(1), Input::Message { port: MOVER, message: request });
-        assert_eq!(sent(&mut cube), []);
+        assert_eq!(cube.sent(), []);
         let Message::Request { id, route, .. } = request else { unreachable!("it is one") };
         for _ in 0..3 {
             let due = cube.relays.due();
             cube.handle(due, Input::Wake);
-            assert!(matches!(sent(&mut cube)[..], [(NEXT, Message::Request { hop: 2, .. })]));
+            assert!(matches!(cube.sent()[..], [(NEXT, Message::Request { hop: 2, .. })]));
         }
         let granted = Message::Response { id, hop: 1, denial: None, blocker: None, co_owners: 0, route };
         cube.handle(cube.wake_at(), Input::Message { port: NEXT, message: granted });
-        assert!(matches!(sent(&mut cube)[..], [(MOVER, Message::Response { hop: 0, denial: None, .. })]));
+        assert!(matches!(cube.sent()[..], [(MOVER, Message::Response { hop: 0, denial: None, .. })]));
         assert_eq!(cube.relays.due(), Time::NEVER);
     }
 
@@ -145,7 +136,7 @@ mod tests {
             *port == MOVER
                 && matches!(message, Message::Response { hop: 0, denial: Some(Denial::NoSupport), .. })
         };
-        assert!(sent(&mut cube).iter().any(is_denial));
+        assert!(cube.sent().iter().any(is_denial));
         assert_eq!((cube.locks.len(), cube.relays.due()), (0, Time::NEVER));
     }
 }

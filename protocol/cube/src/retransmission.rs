@@ -88,7 +88,8 @@ impl Retransmission {
 
     /// Takes note that the neighbour on a face has heard a message.
     pub fn on_heard(&mut self, face: Face, number: u16) {
-        self.with(face).unheard.retain(|u| u.number != number);
+        let exchange = self.exchanges.iter_mut().find(|e| e.face == face);
+        exchange.into_iter().for_each(|e| e.unheard.retain(|u| u.number != number));
     }
 
     /// Takes note of a message of the neighbour on a face. Returns false if it has been heard before.

@@ -72,21 +72,14 @@ impl Passage {
     pub fn more_tries(self, messages: u32, copies: u64) -> u64 {
         let through =
             (0..messages).fold(ONE, |all, _| ((u128::from(all) * u128::from(self.arrives)) >> 32) as u64);
-        if through == ONE {
-            return 0;
-        }
-        capped(log(ONCE_IN * copies), log_inverse(ONE - through)) - 1
+        more_than_one(through, copies)
     }
 
     /// Returns the number of attempts after the first within which `copies` concurrent attempts all succeed, in all but one of
     /// [`ONCE_IN`] cases. An attempt goes over `hops`, one after the other, and has `tries` messages with their answers for all
     /// of them together.
     pub fn more_attempts(self, hops: u32, tries: u64, copies: u64) -> u64 {
-        let through = self.over_hops(hops, tries);
-        if through == ONE {
-            return 0;
-        }
-        capped(log(ONCE_IN * copies), log_inverse(ONE - through)) - 1
+        more_than_one(self.over_hops(hops, tries), copies)
     }
 
     /// Returns the probability that at least `hops` of a number of tries succeed, each of two messages; in units of 1/[`ONE`].
@@ -136,6 +129,11 @@ impl Bounds {
     pub fn is_beyond(&self) -> bool {
         self.more_tries + 1 >= TRIES_MAX
     }
+}
+
+/// Returns the number of tries after the first that `copies` of something need which succeeds with the probability `through`.
+fn more_than_one(through: u64, copies: u64) -> u64 {
+    if through == ONE { 0 } else { capped(log(ONCE_IN * copies), log_inverse(ONE - through)) - 1 }
 }
 
 /// Returns `needed / each`, rounded up, and at most [`TRIES_MAX`].

@@ -402,16 +402,18 @@ async fn attend_adopted(
 fn exited(launch: &Launch, agent: AgentKey, status: io::Result<ExitStatus>) -> Event {
     let signal = status.as_ref().ok().and_then(ExitStatusExt::signal);
     let code = status.as_ref().ok().and_then(ExitStatus::code);
+    let of_machine =
+        code == Some(i32::from(EXIT_OF_MACHINE)) || signal.is_some_and(|s| is_of_machine(launch, s));
     let how = match status {
         Err(e) => format!("could not be waited for: {e}"),
-        Ok(status) => match (status.code(), signal) {
+        Ok(_) => match (code, signal) {
             (Some(0), _) => "exited".to_owned(),
             // Its own report may have found no room, as standard error is in shared memory too.
             (Some(code), _) if is_scarce() => {
                 format!("exited with code {code}, while shared memory ({HOME}) is full,")
             }
             (Some(code), _) => format!("exited with code {code}"),
-            (None, Some(SIGKILL)) if is_of_machine(launch, SIGKILL) => {
+            (None, Some(SIGKILL)) if of_machine => {
                 "was killed by the kernel, because memory has run out,".to_owned()
             }
             (None, Some(signal)) => killed_by(signal),
@@ -419,8 +421,6 @@ fn exited(launch: &Launch, agent: AgentKey, status: io::Result<ExitStatus>) -> E
         },
     };
     let stderr_tail = if launch.verbose { String::new() } else { tail(&log_path(launch, agent)) };
-    let of_machine =
-        code == Some(i32::from(EXIT_OF_MACHINE)) || signal.is_some_and(|s| is_of_machine(launch, s));
     Event::Exited { agent, how, signal, of_machine, stderr_tail }
 }
 
