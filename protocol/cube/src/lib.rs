@@ -99,7 +99,7 @@ pub struct Cube {
     moving: Option<Attempt>,
     /// The searches that this module saw last; it passes each of them on only once.
     searches: VecDeque<RequestId>,
-    /// What it has passed on of searches, until it is acknowledged.
+    /// Messages of searches, which are repeated until they are acknowledged.
     retransmission: Retransmission,
     /// Requests of others that this module has passed on, and that have not been answered.
     relays: Relays,
