@@ -43,7 +43,10 @@ def test_events_and_messages_are_those_of_the_report(recorded: tuple[Path, mm.Re
     journal = mm.Journal(path)
     events = journal.events()
     names = events["event"].tolist()
-    assert names.count("moves") - names.count("failed") == report.moves
+    # A move that is under way when the goal is built is not among those of the report.
+    move_s = report.time["virtual_s"] / report.time["move_times"]
+    ends = events["time_s"][[name == "moves" for name in names]] + move_s
+    assert (ends <= journal.duration_s + 1e-6).sum() - names.count("failed") == report.moves
     assert [(e["fault"], e["module"]) for e in report.faults if e["fault"] == "kill"][0] == ("kill", 3)
     died = [i for i, name in enumerate(names) if name == "died"]
     assert events.to_dict()["module"][died[0]] == 3 and events["time_s"][died[0]] == 1.0
