@@ -22,6 +22,8 @@ pub struct DelayedFrame {
     pub peer: ModuleId,
     /// The contact session it belongs to.
     pub session: Session,
+    /// When the agent handed it over.
+    pub handed: Time,
     /// Its class, for the counts.
     pub class: Class,
     /// The frame, damaged if the link damages it.
@@ -155,6 +157,7 @@ mod tests {
             sequence: n as u32,
         };
         DelayedFrame {
+            handed: Time::ZERO,
             port,
             peer,
             session,

@@ -9,8 +9,8 @@
 
 pub use metamorph_agents::on_grid;
 pub use metamorph_core::{
-    agent, counters, coverage, defects, digest, goal, host, ids, lattice, link, ratio, record, rng, runtime,
-    shape, time, wire,
+    agent, counters, coverage, defects, digest, goal, host, ids, latency, lattice, link, ratio, record, rng,
+    runtime, shape, time, wire,
 };
 pub use metamorph_cube as cube;
 pub use metamorph_host_link as host_link;

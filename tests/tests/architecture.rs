@@ -420,7 +420,7 @@ const LAYERS: &[(&str, &[&str])] = &[
         "protocol/core",
         &[
             "names", "ids", "time", "ratio", "rng", "digest", "coverage", "defects", "lattice", "shape",
-            "goal", "counters", "wire", "link", "agent", "runtime", "record", "host",
+            "goal", "counters", "latency", "wire", "link", "agent", "runtime", "record", "host",
         ],
     ),
     ("protocol/planning", &["plan", "assembly", "manipulation", "reconfiguration"]),

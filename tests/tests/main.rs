@@ -66,6 +66,7 @@ mod studio_rooms;
 mod studio_rooms_page;
 mod studio_study;
 mod sweep;
+mod tables;
 mod team;
 mod template;
 mod transport;

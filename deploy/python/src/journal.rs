@@ -8,6 +8,7 @@ use metamorph_world_controller::record::journal::{Consumed, Event as Recorded, J
 use metamorph_world_controller::report::message_timeline::Bin;
 use metamorph_world_controller::run::replay::Request;
 use metamorph_world_controller::scenario::Plan;
+use metamorph_world_controller::view::export::csv::{Figures, ModuleFigures};
 use metamorph_world_controller::view::figure::snapshot::{Body, Playback, Process};
 use metamorph_world_controller::view::scene::{Event, Scene};
 use metamorph_world_controller::view::visible::GoalView;
@@ -25,6 +26,9 @@ const DEAD: u8 = 5;
 
 /// An event: time in nanoseconds, name, module, and a description.
 type Row = (u64, &'static str, Option<u32>, String);
+
+/// The figures of a module.
+type ModuleRow = ([u64; 4], [u64; Class::ALL.len()], [u64; Class::ALL.len()], u64, [Option<u64>; 2]);
 
 /// A journal.
 #[pyclass(frozen, module = "metamorph._metamorph")]
@@ -114,6 +118,17 @@ impl Journal {
         let (width, bins) = self.scene.bins();
         let row = |bin: &Bin| [&[bin.filled, bin.goal, bin.moves][..], &bin.totals].concat();
         (width.0, bins.iter().map(row).collect())
+    }
+    /// Returns of each module its actions begun, failed and refused, the deaths of its process, its messages sent and
+    /// received, the bytes received, and two quantiles of latency in nanoseconds.
+    fn per_module(&self, py: Python<'_>) -> PyResult<Vec<ModuleRow>> {
+        let figures = py.detach(|| Figures::read(&self.file, &self.scene)).map_err(|e| failed(py, &e))?;
+        let row = |m: &ModuleFigures| {
+            let quantile = |per_mille| m.latency.quantile(per_mille).map(|span| span.0);
+            let counts = [m.actions, m.failed, m.refused, m.deaths];
+            (counts, m.sent, m.received, m.received_bytes, [quantile(500), quantile(990)])
+        };
+        Ok(figures.modules.iter().map(row).collect())
     }
     /// Returns the cells of all modules at these times, in ascending order: three numbers of 16 bits each, in the byte
     /// order of the machine.

@@ -155,3 +155,14 @@ def test_sweeps_and_reports_are_plotted(recorded: tuple[Path, mm.Report]) -> Non
         sweep.plot("makespan")
     bars = recorded[1].plot().patches
     assert sum(bar.get_width() for bar in bars) == recorded[1].messages["all"]["sent"]
+
+
+def test_latencies_and_figures_of_modules_add_up(recorded: tuple[Path, mm.Report]) -> None:
+    path, report = recorded
+    latency = report.latency_by_class
+    for name, count, p50, p99 in zip(latency["class"], latency["count"], latency["p50_s"], latency["p99_s"]):
+        assert count == report.messages["by_class"][name]["delivered"] and 0 < p50 <= p99, name
+    modules = mm.Journal(path).per_module()
+    assert modules["module"].tolist() == list(range(42)) and modules["deaths"].sum() == report.agents["crashed"]
+    for name, counts in report.messages["by_class"].items():
+        assert modules[f"sent_{name}"].sum() == counts["sent"] and modules[f"received_{name}"].sum() == counts["delivered"]

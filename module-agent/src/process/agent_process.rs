@@ -308,7 +308,7 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
                 self.push(&RuntimeMessage::Consumed { expected: self.receiver.expected() });
                 return Ok(());
             }
-            Received::Input(input, heard) => self.hand_in(input, heard)?,
+            Received::Input(input, heard) => self.hear(input, heard, shared)?,
             Received::Begin(place) => self.begin(place),
             Received::Contact { port, revision, contact } => self.change_contact(port, revision, contact)?,
             Received::Links(changes) => self.sender.change_links(changes),
@@ -342,20 +342,35 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
         self.write_ahead.counters.loose = self.contacts.loose();
         self.sender.reset(port);
         self.hand_in(Input::Contact { port, session: contact.map(|c| c.session) }, None)?;
-        for (header, frame) in early {
+        for (header, shared) in early {
             let counters = &mut self.write_ahead.counters;
             let received = match self.contacts.place(&header) {
-                Place::Here(port) => self.receiver.message::<A>(port, &header, &frame, counters),
+                Place::Here(port) => self.receiver.message::<A>(port, &header, &shared.frame(), counters),
                 _ => {
                     counters.foreign += 1;
                     Received::Nothing
                 }
             };
             if let Received::Input(input, heard) = received {
-                self.hand_in(input, heard)?;
+                self.hear(input, heard, &shared)?;
             }
         }
         Ok(())
+    }
+
+    /// Hands in an input that came in a frame, and measures how long a message was under way.
+    fn hear(
+        &mut self,
+        input: InputOf<A>,
+        heard: Option<(MessageName, Class)>,
+        shared: &SharedFrame,
+    ) -> Result<(), AgentError> {
+        if let (Some((_, class)), Some(handed)) = (heard, shared.handed()) {
+            let (now, latencies) = (self.now(), &mut self.write_ahead.counters.latencies);
+            latencies[class].record(now.since(handed));
+            latencies.channel.record(now.since(shared.sent()));
+        }
+        self.hand_in(input, heard)
     }
 
     fn wake_agent(&mut self) -> Result<(), AgentError> {

@@ -4,11 +4,12 @@
 //! known yet wait here, a bounded number for a bounded time; frames of ended sessions never count for a later
 //! contact.
 
+use crate::transport::shared_frame::SharedFrame;
 use crate::transport::{EGRESS_DEPTH, INBOX_DEPTH};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::{Port, Revision, Session};
 use metamorph_protocol::runtime::Contact;
-use metamorph_protocol::wire::{Frame, Header};
+use metamorph_protocol::wire::Header;
 use std::collections::VecDeque;
 
 /// Number of frames that may wait for their contact.
@@ -48,7 +49,7 @@ pub struct Contacts<L> {
     ports: Vec<Option<PortContact<L>>>,
     revision: Revision,
     ended: VecDeque<Session>,
-    early: VecDeque<(u64, Header, Frame)>,
+    early: VecDeque<(u64, Header, SharedFrame)>,
     loose: [u64; Class::ALL.len()],
     is_divided: bool,
 }
@@ -110,7 +111,7 @@ impl<L> Contacts<L> {
         port: Port,
         revision: Revision,
         contact: Option<Contact>,
-    ) -> Vec<(Header, Frame)> {
+    ) -> Vec<(Header, SharedFrame)> {
         self.revision = revision;
         let old = self.ports[port.index()].take();
         if let Some(old) = old {
@@ -152,7 +153,7 @@ impl<L> Contacts<L> {
 
     /// Keeps a frame until its contact is known. If [`EARLY_LIMIT`] frames wait already, drops the oldest and
     /// returns its class.
-    pub fn keep(&mut self, monotonic: u64, header: Header, frame: Frame) -> Option<Class> {
+    pub fn keep(&mut self, monotonic: u64, header: Header, frame: SharedFrame) -> Option<Class> {
         let gone = if self.early.len() == EARLY_LIMIT { self.early.pop_front() } else { None };
         self.early.push_back((monotonic, header, frame));
         gone.map(|(_, header, _)| header.class)
@@ -176,7 +177,8 @@ mod tests {
     use super::*;
     use metamorph_protocol::ids::{Incarnation, ModuleId};
     use metamorph_protocol::lattice::Cell;
-    use metamorph_protocol::wire::Channel;
+    use metamorph_protocol::time::Time;
+    use metamorph_protocol::wire::{Channel, Frame};
 
     fn contact(session: u32) -> Contact {
         Contact {
@@ -199,8 +201,9 @@ mod tests {
             sequence: 0,
         }
     }
-    fn frame(session: u32) -> (Header, Frame) {
-        (header(session), Frame::seal(header(session), &Cell::default()))
+    fn frame(session: u32) -> (Header, SharedFrame) {
+        let frame = Frame::seal(header(session), &Cell::default());
+        (header(session), SharedFrame::new(&frame, Time::ZERO))
     }
 
     #[test]
@@ -224,7 +227,11 @@ mod tests {
             let (h, f) = frame(session);
             assert_eq!(contacts.keep(0, h, f), None);
         }
-        assert_eq!(contacts.change(Port(0), Revision(1), Some(contact(5))), [frame(5), frame(5)]);
+        let taken = contacts.change(Port(0), Revision(1), Some(contact(5)));
+        let taken: Vec<(Header, Frame)> =
+            taken.iter().map(|(header, shared)| (*header, shared.frame())).collect();
+        let (header, shared) = frame(5);
+        assert_eq!(taken, [(header, shared.frame()); 2]);
         assert_eq!(contacts.expire(EARLY_NANOS - 1), None);
         assert_eq!(contacts.expire(EARLY_NANOS), Some(Class::Seed));
         assert_eq!(contacts.expire(EARLY_NANOS), None);

@@ -108,7 +108,7 @@ impl Receiver {
         };
         let received = match header.channel {
             _ if header.destination != self.id => None,
-            Channel::Peer => return self.accept_peer(header, frame, contacts, counters, monotonic),
+            Channel::Peer => return self.accept_peer(header, shared, contacts, counters, monotonic),
             _ => self.accept_controller(&header, frame, contacts),
         };
         received.unwrap_or_else(|| {
@@ -121,17 +121,17 @@ impl Receiver {
     fn accept_peer<A: Agent, L>(
         &mut self,
         header: Header,
-        frame: &Frame,
+        shared: &SharedFrame,
         contacts: &mut Contacts<L>,
         counters: &mut AgentCounters,
         monotonic: impl FnOnce() -> u64,
     ) -> Received<A> {
         match contacts.place(&header) {
             Place::Here(_) if self.is_silent() => counters.left[header.class.index()] += 1,
-            Place::Here(port) => return self.message(port, &header, frame, counters),
+            Place::Here(port) => return self.message(port, &header, &shared.frame(), counters),
             Place::Ended => counters.tally[header.class].expired += 1,
             Place::Early => {
-                if let Some(class) = contacts.keep(monotonic(), header, *frame) {
+                if let Some(class) = contacts.keep(monotonic(), header, *shared) {
                     counters.tally[class].expired += 1;
                 }
             }

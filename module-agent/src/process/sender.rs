@@ -67,8 +67,15 @@ impl Sender {
             sequence,
         };
         let (peer, session) = (contact.peer, contact.session);
-        let frame =
-            DelayedFrame { port, peer, session, class, frame: Frame::seal(header, message), damaged: false };
+        let frame = DelayedFrame {
+            port,
+            peer,
+            session,
+            handed: now,
+            class,
+            frame: Frame::seal(header, message),
+            damaged: false,
+        };
         self.emulator.carry(now, frame, tally, &mut self.burst);
     }
 
@@ -154,7 +161,7 @@ impl Sender {
                     continue;
                 }
             };
-            let shared = SharedFrame::new(&frame.frame, now);
+            let shared = SharedFrame::new(&frame.frame, now).handed_over(frame.handed);
             match link.send(if frame.damaged { shared.damaged(frame.class) } else { shared }) {
                 SendStatus::Sent => {
                     port.sent[frame.class.index()] += 1;

@@ -3,11 +3,13 @@
 //! A killed process cannot be asked for its counts, so each agent writes its counters before the effects that
 //! they count become visible: a message that was received has been counted as sent. The file holds two slots,
 //! written in turn, so that a torn write leaves the older one; the reader takes the newest slot whose check
-//! sum fits.
+//! sum fits. Latencies follow the slots. They are large and only figures, so they are written after every
+//! [`LATENCY_BATCH`] messages and at the end: those of the last messages before a kill are not known.
 
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::counters::{Counts, Tally};
 use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::latency::Latencies;
 use std::fmt::Debug;
 use std::fs::{self, File};
 use std::io;
@@ -18,7 +20,7 @@ use thiserror::Error;
 
 const MAGIC: [u8; 8] = *b"MMLEDGER";
 /// The version of the layout.
-pub const VERSION: u32 = 4;
+pub const VERSION: u32 = 5;
 /// Size of the header.
 const HEADER_BYTES: usize = 32;
 /// Number of 64-bit numbers in a slot: the generation; ten for each class, of which eight are its tally, one
@@ -27,9 +29,17 @@ const HEADER_BYTES: usize = 32;
 const NUMBERS: usize = 1 + Class::ALL.len() * 10 + 4;
 /// Size of a slot: the numbers, and a checksum.
 const SLOT_BYTES: usize = NUMBERS * 8 + 4;
+/// Position of the number of wake-ups in a slot.
+const WAKES: usize = NUMBERS - 3;
+/// The numbers of a slot.
+type Numbers = [u64; NUMBERS];
+/// Offset of the latencies in the file: their length and check sum, 32 bits each, then their encoding.
+const LATENCY_OFFSET: usize = HEADER_BYTES + 2 * SLOT_BYTES;
+/// Number of messages delivered between two writes of the latencies.
+const LATENCY_BATCH: u64 = 256;
 
 /// The counters of one incarnation of an agent.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Debug, PartialEq, Eq, Default)]
 pub struct AgentCounters {
     /// Protocol messages by class.
     pub tally: Tally,
@@ -47,6 +57,8 @@ pub struct AgentCounters {
     pub wakes: u64,
     /// Number of records that could not be written to the journal.
     pub unrecorded: u64,
+    /// Latencies of the messages delivered; of a killed agent, those of the last are missing.
+    pub latencies: Latencies,
 }
 
 /// Errors of writing and reading counters.
@@ -90,13 +102,13 @@ pub struct SharedCounters(Arc<Mutex<AgentCounters>>);
 impl SharedCounters {
     /// Returns the counters as last written.
     pub fn read(&self) -> AgentCounters {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }
 
 impl CounterStore for SharedCounters {
     fn write(&mut self, counters: &AgentCounters) -> Result<(), CounterFileError> {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = *counters;
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone_from(counters);
         Ok(())
     }
 }
@@ -107,7 +119,10 @@ pub struct CounterFile {
     file: File,
     path: PathBuf,
     generation: u64,
-    written: AgentCounters,
+    /// The numbers as last written.
+    written: Numbers,
+    /// The number of messages whose latencies are written.
+    measured: u64,
 }
 
 impl CounterFile {
@@ -124,20 +139,30 @@ impl CounterFile {
         let io = |e| CounterFileError::Io(path.clone(), e);
         let file = File::create(&path).map_err(io)?;
         file.write_all_at(&header(id, incarnation), 0).map_err(io)?;
-        let mut created =
-            CounterFile { file, path: path.clone(), generation: 0, written: AgentCounters::default() };
-        created.put(&AgentCounters::default())?;
+        let none = numbers(&AgentCounters::default());
+        let mut created = CounterFile { file, path: path.clone(), generation: 0, written: none, measured: 0 };
+        created.put(none)?;
         Ok(created)
     }
 
-    fn put(&mut self, counters: &AgentCounters) -> Result<(), CounterFileError> {
+    fn put(&mut self, numbers: Numbers) -> Result<(), CounterFileError> {
         self.generation += 1;
         let offset = HEADER_BYTES + (self.generation % 2) as usize * SLOT_BYTES;
-        self.file
-            .write_all_at(&slot(self.generation, counters), offset as u64)
-            .map_err(|e| CounterFileError::Io(self.path.clone(), e))?;
-        self.written = *counters;
+        self.put_at(offset, &slot(self.generation, numbers))?;
+        self.written = numbers;
         Ok(())
+    }
+
+    fn put_latencies(&mut self, latencies: &Latencies) -> Result<(), CounterFileError> {
+        let body = bincode::serde::encode_to_vec(latencies, bincode::config::standard())
+            .map_err(|e| CounterFileError::Io(self.path.clone(), io::Error::other(e)))?;
+        let mut bytes = [(body.len() as u32).to_le_bytes(), crc32fast::hash(&body).to_le_bytes()].concat();
+        bytes.extend(body);
+        self.put_at(LATENCY_OFFSET, &bytes)
+    }
+
+    fn put_at(&self, offset: usize, bytes: &[u8]) -> Result<(), CounterFileError> {
+        self.file.write_all_at(bytes, offset as u64).map_err(|e| CounterFileError::Io(self.path.clone(), e))
     }
 
     /// Reads the counters of one incarnation of an agent; `None` if it never started.
@@ -177,7 +202,7 @@ impl CounterFile {
             .flatten()
             .filter_map(read_slot)
             .max_by_key(|(generation, _)| *generation)
-            .map(|(_, counters)| Some(counters))
+            .map(|(_, counters)| Some(AgentCounters { latencies: read_latencies(&bytes), ..counters }))
             .ok_or(CounterFileError::Damaged(path))
     }
 }
@@ -185,8 +210,18 @@ impl CounterFile {
 impl CounterStore for CounterFile {
     /// Writes the counters if they have changed. A changed number of wake-ups alone is not worth a write.
     fn write(&mut self, counters: &AgentCounters) -> Result<(), CounterFileError> {
-        let since = AgentCounters { wakes: counters.wakes, ..self.written };
-        if *counters == since { Ok(()) } else { self.put(counters) }
+        let numbers = numbers(counters);
+        let mut since = self.written;
+        since[WAKES] = numbers[WAKES];
+        if numbers == since {
+            return Ok(());
+        }
+        let delivered = counters.tally.total().delivered;
+        if delivered - self.measured >= if counters.closed { 1 } else { LATENCY_BATCH } {
+            self.put_latencies(&counters.latencies)?;
+            self.measured = delivered;
+        }
+        self.put(numbers)
     }
 }
 
@@ -219,19 +254,24 @@ fn header(id: ModuleId, incarnation: Incarnation) -> [u8; HEADER_BYTES] {
     bytes
 }
 
-fn slot(generation: u64, counters: &AgentCounters) -> [u8; SLOT_BYTES] {
+/// Returns the numbers of a slot, with a generation of zero.
+fn numbers(counters: &AgentCounters) -> Numbers {
     let mut numbers = [0u64; NUMBERS];
-    numbers[0] = generation;
     for (i, (_, c)) in counters.tally.iter().enumerate() {
         // All fields are named, so that a new count cannot be forgotten here.
         let Counts { sent, delivered, lost, duplicated, overflowed, expired, refused, bytes } = *c;
         numbers[1 + i * 8..][..8]
             .copy_from_slice(&[sent, delivered, lost, duplicated, overflowed, expired, refused, bytes]);
     }
-    let AgentCounters { tally: _, left, loose, closed, foreign, wakes, unrecorded } = *counters;
+    let &AgentCounters { tally: _, left, loose, closed, foreign, wakes, unrecorded, latencies: _ } = counters;
     numbers[1 + Class::ALL.len() * 8..][..left.len()].copy_from_slice(&left);
     numbers[1 + Class::ALL.len() * 9..][..loose.len()].copy_from_slice(&loose);
     numbers[NUMBERS - 4..].copy_from_slice(&[foreign, wakes, unrecorded, closed.into()]);
+    numbers
+}
+
+fn slot(generation: u64, mut numbers: Numbers) -> [u8; SLOT_BYTES] {
+    numbers[0] = generation;
     let mut bytes = [0; SLOT_BYTES];
     for (chunk, n) in bytes.chunks_exact_mut(8).zip(numbers) {
         chunk.copy_from_slice(&n.to_le_bytes());
@@ -271,9 +311,23 @@ fn read_slot(bytes: &[u8]) -> Option<(u64, AgentCounters)> {
     Some((generation, counters))
 }
 
+/// Returns the latencies in a file; none if they were never written, or a kill has torn them.
+fn read_latencies(file: &[u8]) -> Latencies {
+    let part =
+        |range| file.get(range).and_then(|bytes: &[u8]| Some(u32::from_le_bytes(bytes.try_into().ok()?)));
+    let body = LATENCY_OFFSET + 8;
+    let read = || {
+        let [length, sum] = [part(LATENCY_OFFSET..LATENCY_OFFSET + 4)?, part(LATENCY_OFFSET + 4..body)?];
+        let bytes = file.get(body..body + length as usize).filter(|bytes| crc32fast::hash(bytes) == sum)?;
+        Some(bincode::serde::decode_from_slice(bytes, bincode::config::standard()).ok()?.0)
+    };
+    read().unwrap_or_default()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use metamorph_protocol::time::Span;
 
     const ME: (ModuleId, Incarnation) = (ModuleId(3), Incarnation(1));
 
@@ -334,6 +388,30 @@ mod tests {
         fs::write(directory(dir.path()).join("9.0"), b"").unwrap();
         fs::write(directory(dir.path()).join("stranger"), b"no counters").unwrap();
         assert_eq!(sent(dir.path()).unwrap(), each(1) + each(2) + each(3));
+    }
+
+    /// Latencies are written in batches, whole or not at all, and all of them at the end.
+    #[test]
+    fn latencies_are_written_in_batches_and_at_the_end() {
+        let dir = dir();
+        let mut file = CounterFile::create(dir.path(), ME.0, ME.1).unwrap();
+        let mut counters = AgentCounters::default();
+        let mut deliver = |n: u64, closed, file: &mut CounterFile| {
+            for i in 0..n {
+                counters.tally[Class::Seed].delivered += 1;
+                counters.latencies[Class::Seed].record(Span(i));
+            }
+            counters.closed = closed;
+            file.write(&counters).unwrap();
+            CounterFile::read(dir.path(), ME.0, ME.1).unwrap().unwrap().latencies.total().count()
+        };
+        assert_eq!(deliver(1, false, &mut file), 0);
+        assert_eq!(deliver(LATENCY_BATCH - 1, false, &mut file), LATENCY_BATCH);
+        assert_eq!(deliver(7, false, &mut file), LATENCY_BATCH);
+        assert_eq!(deliver(0, true, &mut file), LATENCY_BATCH + 7);
+        file.put_at(LATENCY_OFFSET + 9, &[0xFF; 3]).unwrap();
+        let torn = CounterFile::read(dir.path(), ME.0, ME.1).unwrap().unwrap();
+        assert_eq!((torn.latencies, torn.closed), (Latencies::default(), true));
     }
 
     #[test]

@@ -21,6 +21,7 @@ pub mod digest;
 pub mod goal;
 pub mod host;
 pub mod ids;
+pub mod latency;
 pub mod lattice;
 pub mod link;
 mod names;

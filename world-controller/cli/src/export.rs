@@ -13,6 +13,7 @@ use metamorph_text::command_error::{BAD_USAGE, CommandError};
 use metamorph_text::escape::Shown;
 use metamorph_text::format::{many, seconds};
 use metamorph_view::export::commands::export_commands;
+use metamorph_view::export::csv::Tables;
 use metamorph_view::export::export;
 use metamorph_view::export::sdf::sdf;
 use metamorph_view::export::structure::{Measures, NotConnected, Structure};
@@ -113,12 +114,26 @@ pub fn export_structure(args: &ExportArgs, file: &Path, format: Format) -> Resul
     ))
 }
 
+/// Writes the tables of the run that a journal holds.
+///
+/// # Errors
+/// If the journal cannot be read or is damaged, or a file cannot be written.
+pub fn write_tables(journal: &Path, tables: &Tables) -> Result<(), Failure> {
+    let Recorded { scene, damage, .. } = recorded(journal).map_err(StructureError::Read)?;
+    if let Some(damage) = damage {
+        return Err(StructureError::Journal(JournalFailure::from(damage)).into());
+    }
+    scene.troubles().iter().for_each(|trouble| print_error(&format!("note: {trouble}")));
+    Ok(tables.write(journal, &scene)?)
+}
+
 /// Examples for the help.
 const EXAMPLES: &str = "\
 Examples:
   metamorph run deploy/scenarios/swarm.toml --link sim --journal run.journal
   metamorph export run.journal --mcap run.mcap
   metamorph export run.journal --mcap run.mcap --schema ros2
+  metamorph export run.journal --csv tables
   metamorph export run.journal --at 50% --urdf half.urdf
   metamorph export run.journal --sdf end.sdf --cell 0.05 --mass 0.2
 
@@ -136,6 +151,11 @@ Exit codes:
   9  the journal is damaged; no recording is left behind";
 
 fn execute(args: &ExportArgs, interrupt: &Interrupt) -> Result<u8, Failure> {
+    if let Some(directory) = &args.csv {
+        write_tables(&args.journal, &Tables::new(directory, &mut Outputs::new())?)?;
+        print_out(&format!("{}: modules.csv, time.csv and latency.csv\n", directory.shown()));
+        return Ok(0);
+    }
     let said = match (&args.mcap, &args.urdf, &args.sdf, &args.commands) {
         (Some(file), ..) => export(args, file, families(), |plan| family::of(plan).shown(plan), interrupt)?,
         (None, Some(file), ..) => export_structure(args, file, Format::Urdf)?,

@@ -1,6 +1,7 @@
 //! The command `run`.
 
 use crate::exit_codes::EXIT_CODES;
+use crate::export::write_tables;
 use crate::runs::{Asked, Show, plan};
 use crate::scenario_args::{PlanArgs, real_time};
 use clap::Args;
@@ -14,6 +15,7 @@ use metamorph_processes::record::journal::{JournalError, JournalSession, exit_co
 use metamorph_processes::run::processes::Processes;
 use metamorph_scenario::LinkKind;
 use metamorph_text::command_error::{CommandError, Failure};
+use metamorph_view::export::csv::Tables;
 use std::path::Path;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -46,6 +48,11 @@ pub struct RunArgs {
     /// during the run
     #[arg(long, value_name = "FILE")]
     pub journal: Option<PathBuf>,
+    /// Record the run, and write modules.csv (a line for each module), time.csv (a line for each time bin) and latency.csv (a
+    /// histogram of each class of messages) into this directory; the journal is run.journal there, unless --journal names
+    /// another
+    #[arg(long, value_name = "DIR")]
+    pub csv: Option<PathBuf>,
     /// On `ipc` with --journal: how long, in real time, modules wait for `metamorph resume FILE` after the
     /// controller was killed; with --hosts only if all hosts are on this machine
     #[arg(long, value_name = "T", value_parser = real_time, default_value = "30s", requires = "journal")]
@@ -85,14 +92,16 @@ fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Fai
     let mut outputs = Outputs::new();
     outputs.reads("the scenario", Path::new(&plan.origin));
     plan.files.iter().for_each(|file| outputs.reads("a file that the scenario names,", file));
-    if let Some(file) = &args.journal {
+    let tables = args.csv.as_deref().map(|directory| Tables::new(directory, &mut outputs)).transpose()?;
+    let journal = args.journal.or_else(|| Some(args.csv.as_ref()?.join("run.journal")));
+    if let Some(file) = &journal {
         // The journal is written during the run; only its permission is checked here.
-        outputs.writes("--journal", file)?;
+        outputs.writes(if args.csv.is_some() { "--csv" } else { "--journal" }, file)?;
     }
     let asked = Asked {
         json: args.json,
         html: args.html,
-        journal: args.journal.clone(),
+        journal: journal.clone(),
         view: args.view,
         control: args.control,
         quiet: args.quiet,
@@ -103,7 +112,7 @@ fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Fai
         LinkKind::Sim => JournalSession::simulated,
         LinkKind::Ipc => JournalSession::of_processes,
     };
-    let keeping = args.journal.as_deref().map(|file| begin(file, &plan)).transpose();
+    let keeping = journal.as_deref().map(|file| begin(file, &plan)).transpose();
     let keeping = keeping.map_err(NoJournal)?;
     let page = show.channels(&plan);
     let report = match overrides.link {
@@ -115,7 +124,12 @@ fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Fai
         }
     };
     drop(live);
-    show.end(&plan, &report, args.journal.as_deref())
+    let written = match (&tables, &journal) {
+        (Some(tables), Some(journal)) if report.incomplete_journal.is_none() => write_tables(journal, tables),
+        _ => Ok(()),
+    };
+    let code = show.end(&plan, &report, journal.as_deref())?;
+    written.map(|()| code)
 }
 
 /// The command.

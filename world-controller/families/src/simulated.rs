@@ -137,6 +137,7 @@ impl<R: Runnable, W: Audited, D: DirectorPort<W>> Run<R, W, D> {
             account,
             time_step: self.swarm().time_step(),
             tally: sim.tally(),
+            latencies: sim.latencies(),
             body_messages: sim.body_messages(),
             violations,
             broken,

@@ -5,6 +5,7 @@ pub mod document;
 pub mod family_part;
 pub mod hosts;
 mod human;
+mod latency;
 pub mod message_timeline;
 pub mod operator;
 mod over_time;
@@ -24,6 +25,7 @@ use crate::run_result::RunResult;
 use hosts::HostsReport;
 use metamorph_core::counters::Class;
 use metamorph_core::counters::{Counts, Tally};
+use metamorph_core::latency::Latencies;
 use metamorph_core::time::{Span, Time};
 use metamorph_kernel::director::faults::{FaultRecord, Origin};
 use metamorph_kernel::director::outcome::{Outcome, Stall};
@@ -68,6 +70,8 @@ pub struct Facts<'a> {
     pub time_step: Span,
     /// Message counts.
     pub tally: &'a Tally,
+    /// Latencies of the messages delivered.
+    pub latencies: &'a Latencies,
     /// Messages between agents, bodies and controller, not counted as protocol messages.
     pub body_messages: u64,
     /// Messages between the controller and the agents; `None` if they were not counted.
@@ -149,7 +153,10 @@ pub fn report(facts: &Facts<'_>) -> Report {
         move_details: account.bodies.clone(),
         family_parts: part.map(|part| (part.key.to_owned(), part.value.clone())).into_iter().collect(),
         family_text: part.map(|part| part.text.clone()).unwrap_or_default(),
-        messages: messages(facts.tally, facts.left.as_ref()),
+        messages: Messages {
+            latency: latency::report(facts.latencies),
+            ..messages(facts.tally, facts.left.as_ref())
+        },
         body_messages: facts.body_messages,
         controller: facts.control.map(|ControlCounts { orders, reports, bytes, lost }| {
             schema::ControllerReport { orders, reports, bytes, lost }
@@ -269,6 +276,7 @@ fn messages(tally: &Tally, left: Option<&[u64; Class::ALL.len()]>) -> Messages {
         bytes: total.bytes,
         all: counts(&total, left.map(|left| left.iter().sum())),
         by_class: tally.iter().map(by_class).collect(),
+        latency: None,
     }
 }
 

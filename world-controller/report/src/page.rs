@@ -5,14 +5,14 @@ use super::Words;
 use super::hosts::HostsReport;
 use super::human::{commanded, proved};
 use super::over_time::{Layer, Mark, areas};
-use super::schema::{Report, Standstill, StandstillsReport, Waiting};
+use super::schema::{LatencyReport, Report, Standstill, StandstillsReport, Waiting};
 use crate::document::{document, figure};
 use crate::message_timeline::Bin;
 use maud::{Markup, html};
 use metamorph_core::counters::Class;
 use metamorph_core::time::Span;
 use metamorph_scenario::Plan;
-use metamorph_text::format::{bytes, count, many, seconds, whole_percent};
+use metamorph_text::format::{bytes, count, latency as as_latency, many, seconds, whole_percent};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Largest number of rows of a list that are shown; JSON has them all.
@@ -223,6 +223,26 @@ fn messages(report: &Report) -> Markup {
                 th.key scope="row" { (name) }
                 @for n in [c.sent, c.delivered, c.lost, c.duplicated, c.overflowed, c.expired, c.refused] { td { (count(n)) } }
                 td { (bytes(c.bytes)) }
+            } } }
+        } }
+        @if let Some(latency) = &m.latency { (latencies(latency)) }
+    }
+}
+
+fn latencies(latency: &LatencyReport) -> Markup {
+    let rows = latency.by_class.iter().map(|(name, q)| (name.as_str(), q)).chain([("all", &latency.all)]);
+    let rows = rows.chain(latency.channel.as_ref().map(|q| ("of it between processes", q)));
+    html! {
+        div.wide { table {
+            caption { "Time from sending to the input of the receiver, to a sixteenth" }
+            thead { tr {
+                th.key scope="col" { "class" }
+                @for name in ["measured", "least", "50 %", "90 %", "99 %", "99.9 %", "greatest"] { th scope="col" { (name) } }
+            } }
+            tbody { @for (name, q) in rows { tr {
+                th.key scope="row" { (name) }
+                td { (count(q.count)) }
+                @for s in [q.least_s, q.p50_s, q.p90_s, q.p99_s, q.p999_s, q.greatest_s] { td { (as_latency(s)) } }
             } } }
         } }
     }

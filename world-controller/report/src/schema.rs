@@ -346,6 +346,41 @@ pub struct Messages {
     pub all: ClassCounts,
     /// Counts by class: gradient, seed, connectivity, negotiation, world, liveness, gait.
     pub by_class: BTreeMap<String, ClassCounts>,
+    /// Latencies of the messages delivered; `null` if none was measured.
+    #[serde(default)]
+    pub latency: Option<LatencyReport>,
+}
+
+/// Latencies of the messages delivered, in scenario time from sending to the input of the receiver. What waits for a process
+/// that is stopped counts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct LatencyReport {
+    /// All classes together.
+    pub all: Quantiles,
+    /// By class; without classes of which no message was measured.
+    pub by_class: BTreeMap<String, Quantiles>,
+    /// Of these, the time in the channels between processes, which is the machine's; `null` on `sim`.
+    pub channel: Option<Quantiles>,
+}
+
+/// Quantiles of durations in seconds, none below the exact one and none more than a sixteenth above it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Quantiles {
+    /// Number of messages measured. With processes fewer than those delivered: the last of an agent that is killed, and those
+    /// that came from another host, are missing.
+    pub count: u64,
+    /// The shortest, which is not exact either.
+    pub least_s: f64,
+    /// Not exceeded by half of the messages.
+    pub p50_s: f64,
+    /// Not exceeded by 90 % of the messages.
+    pub p90_s: f64,
+    /// Not exceeded by 99 % of the messages.
+    pub p99_s: f64,
+    /// Not exceeded by 99.9 % of the messages.
+    pub p999_s: f64,
+    /// Not exceeded by any message.
+    pub greatest_s: f64,
 }
 
 /// Counts of one class of messages.

@@ -369,6 +369,10 @@ impl Scene {
         (self.flow.width(), self.flow.bins())
     }
 
+    /// Returns the number of modules.
+    pub fn modules(&self) -> usize {
+        self.standings.len()
+    }
     /// Returns the events in the order of time.
     pub fn events(&self) -> &[(Time, Event)] {
         &self.events

@@ -53,6 +53,21 @@ pub fn seconds(s: f64) -> String {
     }
 }
 
+/// Formats a latency in µs, ms or s, with three digits.
+pub fn latency(s: f64) -> String {
+    let in_unit = |n: f64, unit: &str| match n {
+        99.95.. => format!("{n:.0} {unit}"),
+        9.995.. => format!("{n:.1} {unit}"),
+        _ => format!("{n:.2} {unit}"),
+    };
+    match s {
+        ..=0.0 => "0 s".to_owned(),
+        ..0.000_999_5 => in_unit(s * 1e6, "µs"),
+        ..0.999_5 => in_unit(s * 1e3, "ms"),
+        _ => in_unit(s, "s"),
+    }
+}
+
 /// Formats the rate of `n` events in `seconds` as a whole number per second.
 pub fn rate(n: u64, seconds: f64) -> String {
     format!("{} a second", count((n as f64 / seconds.max(1e-9)) as u64))
@@ -110,6 +125,20 @@ pub fn number(n: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn latencies_have_three_digits() {
+        for (s, text) in [
+            (0.0, "0 s"),
+            (8.512e-7, "0.85 µs"),
+            (0.000_999_4, "999 µs"),
+            (0.001, "1.00 ms"),
+            (0.012_34, "12.3 ms"),
+            (62.0, "62.0 s"),
+        ] {
+            assert_eq!(latency(s), text);
+        }
+    }
 
     #[test]
     fn a_number_has_one_form() {

@@ -171,6 +171,15 @@ class Report:
         return _messages([(name, counts) for name, counts in self._fields["messages"]["by_class"].items()])
 
     @property
+    def latency_by_class(self) -> Table:
+        """Quantiles of the time from sending to the input of the receiver by class, in seconds, to a sixteenth."""
+        by_class = (self._fields["messages"]["latency"] or {"by_class": {}})["by_class"]
+        columns: dict[str, list[Any]] = {"class": list(by_class)}
+        for name in _QUANTILES:
+            columns[name] = [quantiles[name] for quantiles in by_class.values()]
+        return Table(columns)
+
+    @property
     def fault_table(self) -> Table:
         """The faults that struck: when, what, which module, and in what state it was."""
         names = ("at_s", "fault", "module", "effect")
@@ -201,6 +210,7 @@ class Report:
         return f"<Report {self._fields['scenario']}, seed {self._fields['seed']}: {self._fields['outcome']} at {time:g} s>"
 
 
+_QUANTILES = ("count", "least_s", "p50_s", "p90_s", "p99_s", "p999_s", "greatest_s")
 _COUNTS = ("sent", "delivered", "lost", "duplicated", "overflowed", "expired", "refused", "bytes")
 
 

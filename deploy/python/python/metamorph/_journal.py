@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import Iterable, Optional, Union
+from typing import Any, Iterable, Optional, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +77,21 @@ class Journal:
         }
         for i, name in enumerate(names):
             columns[name] = [row[i] for row in bins]
+        return Table(columns)
+
+    def per_module(self) -> Table:
+        """Figures of each module: actions (moves of cubes, turns of joints) begun, failed and refused, deaths of its process, messages sent and received by
+        class, bytes received, and the latency that half and 99 % of the messages it received do not exceed, in seconds."""
+        rows = self._journal.per_module()
+        columns: dict[str, list[Any]] = {"module": list(range(len(rows)))}
+        for i, name in enumerate(("actions", "failed", "refused", "deaths")):
+            columns[name] = [row[0][i] for row in rows]
+        for part, prefix in ((1, "sent"), (2, "received")):
+            for i, name in enumerate(CLASSES):
+                columns[f"{prefix}_{name}"] = [row[part][i] for row in rows]
+        columns["received_bytes"] = [row[3] for row in rows]
+        for i, name in enumerate(("latency_p50_s", "latency_p99_s")):
+            columns[name] = [None if row[4][i] is None else row[4][i] / 1e9 for row in rows]
         return Table(columns)
 
     def positions(self, times_s: Iterable[Duration]) -> NDArray[np.int16]:

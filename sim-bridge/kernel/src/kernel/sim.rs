@@ -27,6 +27,7 @@ use metamorph_core::counters::{Class, Tally};
 use metamorph_core::coverage::{CoveragePoint, hit};
 use metamorph_core::host::{AgentHost, StepContext};
 use metamorph_core::ids::{Incarnation, ModuleId, Port, Revision};
+use metamorph_core::latency::Latencies;
 use metamorph_core::link::{LinkModel, LinkState};
 use metamorph_core::record::MessageName;
 use metamorph_core::rng::Rng;
@@ -101,6 +102,7 @@ pub struct Sim<W: Audited, D: DirectorPort<W>> {
     posted: Slab<Posted<W::Agent>>,
     control: ControlCounts,
     tally: Tally,
+    latencies: Latencies,
     body_messages: u64,
     trace: Trace,
     states: States,
@@ -154,6 +156,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             world,
             director,
             tally: Tally::default(),
+            latencies: Latencies::default(),
             body_messages: 0,
             trace: Trace::default(),
             states,
@@ -190,6 +193,10 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
     /// Returns the message counts.
     pub fn tally(&self) -> &Tally {
         &self.tally
+    }
+    /// Returns the latencies of the messages delivered.
+    pub fn latencies(&self) -> &Latencies {
+        &self.latencies
     }
     /// Returns the number of actions, percepts and contact changes carried between agents and bodies, and of
     /// reports and orders.
@@ -343,7 +350,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
     }
 
     fn receive(&mut self, parcel: InFlight<<W::Agent as Agent>::Message>) {
-        let InFlight { to, session, port, class, number, message } = parcel;
+        let InFlight { to, session, port, class, number, sent, message } = parcel;
         let contact = self.link(to, port).contact;
         let current = contact.map(|c| c.session);
         if current != Some(session) && !(self.config.ignore_sessions && current.is_some()) {
@@ -356,6 +363,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             self.findings.note(Violation { invariant: SESSION_CURRENT, at: self.now, what });
         }
         self.tally[class].delivered += 1;
+        self.latencies[class].record(self.now.since(sent));
         self.trace.event(self.now, 1, to.0, u64::from(session.0) << 8 | u64::from(message.kind()));
         let input = Input::Message { port, message };
         let name = |c: Contact| MessageName { from: c.peer, incarnation: c.peer_incarnation, number };

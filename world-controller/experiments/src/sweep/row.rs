@@ -58,6 +58,10 @@ pub struct Row {
     pub sent_liveness: u64,
     /// Messages of class gait.
     pub sent_gait: u64,
+    /// Latency that half of the messages do not exceed, in seconds of scenario time; `None` if none was delivered.
+    pub latency_p50_s: Option<f64>,
+    /// Latency that 99 % of the messages do not exceed.
+    pub latency_p99_s: Option<f64>,
     /// Time at which the last goal cell was filled, in seconds of scenario time, if all were.
     pub makespan_s: Option<f64>,
     /// End of the run in seconds of scenario time.
@@ -74,7 +78,7 @@ pub struct Row {
 
 impl Row {
     /// The names of the columns.
-    pub const COLUMNS: [&str; 27] = [
+    pub const COLUMNS: [&str; 29] = [
         "seed",
         "outcome",
         "reason",
@@ -96,6 +100,8 @@ impl Row {
         "sent_world",
         "sent_liveness",
         "sent_gait",
+        "latency_p50_s",
+        "latency_p99_s",
         "makespan_s",
         "end_s",
         "faults_struck",
@@ -138,6 +144,8 @@ impl Row {
             sent_world: sent(Class::World),
             sent_liveness: sent(Class::Liveness),
             sent_gait: sent(Class::Gait),
+            latency_p50_s: report.messages.latency.as_ref().map(|l| l.all.p50_s),
+            latency_p99_s: report.messages.latency.as_ref().map(|l| l.all.p99_s),
             makespan_s: report.stages.last().and_then(|s| s.built_s).filter(|_| built),
             end_s: report.time.virtual_s,
             faults_struck: report.faults.len() as u64,

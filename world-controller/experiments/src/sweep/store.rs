@@ -21,7 +21,7 @@ use thiserror::Error;
 /// The name of the format.
 const FORMAT: &str = "metamorph-sweep";
 /// The version of the directory's layout, `runs.csv` included.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 /// File name of the manifest.
 const MANIFEST: &str = "manifest.json";
 /// File name of the runs.

@@ -27,6 +27,8 @@ pub fn row(seed: u64) -> Row {
         sent_world: 50,
         sent_liveness: 60,
         sent_gait: 70,
+        latency_p50_s: Some(0.02),
+        latency_p99_s: Some(0.05),
         makespan_s: Some(1.25),
         end_s: 0.1 + 0.2,
         faults_struck: 4,

@@ -291,6 +291,7 @@ fn conclude<R: Runnable>(
         account,
         time_step: swarm.time_step(),
         tally: &outcome.tally,
+        latencies: &outcome.latencies,
         body_messages: outcome.body_messages + outcome.control_messages,
         control: None,
         crossings: outcome.crossings.clone(),

@@ -7,6 +7,7 @@ use metamorph_module_agent::transport::iceoryx::rendezvous::ChannelError;
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::counters::Tally;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::latency::Latencies;
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::kernel::sim::Crossings;
 use metamorph_text::format::bytes;
@@ -41,6 +42,8 @@ pub struct Crash {
 pub struct SwarmOutcome {
     /// Protocol messages of all incarnations of all agents.
     pub tally: Tally,
+    /// Latencies of the messages delivered, as agents measured them.
+    pub latencies: Latencies,
     /// Messages by class that were under way at the end, as agents counted them.
     pub left: [u64; Class::ALL.len()],
     /// Messages by class that may be lost with links that were closed while the receiver was stopped.
@@ -122,6 +125,7 @@ impl SwarmOutcome {
 
     fn add(&mut self, counters: &AgentCounters) {
         self.tally += counters.tally;
+        self.latencies += &counters.latencies;
         for class in 0..Class::ALL.len() {
             self.left[class] += counters.left[class];
             self.loose[class] += counters.loose[class];

@@ -8,6 +8,7 @@
 //! here: messages between modules, and the course of a body between two cells, which `metamorph view` shows.
 
 pub mod commands;
+pub mod csv;
 mod foxglove;
 mod ros2;
 pub mod sdf;
@@ -51,7 +52,7 @@ pub struct ExportArgs {
     #[arg(value_name = "JOURNAL")]
     pub journal: PathBuf,
     /// Write Foxglove's scene updates to this MCAP file, which must not exist yet
-    #[arg(long, value_name = "FILE", required_unless_present_any = ["urdf", "sdf", "commands"], conflicts_with_all = ["urdf", "sdf", "commands"])]
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["urdf", "sdf", "commands", "csv"], conflicts_with_all = ["urdf", "sdf", "commands", "csv"])]
     pub mcap: Option<PathBuf>,
     /// The messages of a recording: Foxglove's as JSON, or those of ROS 2 in CDR
     #[arg(long, value_enum, default_value_t = Schema::Foxglove, requires = "mcap")]
@@ -68,6 +69,10 @@ pub struct ExportArgs {
     /// Write the scenario of the run with the commands that operators gave to it, to this file, which must not exist yet
     #[arg(long, value_name = "FILE", conflicts_with_all = ["urdf", "sdf"])]
     pub commands: Option<PathBuf>,
+    /// Write modules.csv (a line for each module), time.csv (a line for each time bin) and latency.csv (a histogram of each
+    /// class of messages) into this directory
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["urdf", "sdf", "commands"])]
+    pub csv: Option<PathBuf>,
     /// How the structure at an instant is written.
     #[command(flatten)]
     pub structure: StructureArgs,

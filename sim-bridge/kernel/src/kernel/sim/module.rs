@@ -84,7 +84,7 @@ impl<A: Agent> Module<A> {
                 continue;
             };
             let Contact { session, peer: to, peer_port: port, .. } = contact;
-            put(arrival.at, InFlight { to, session, port, class, number, message });
+            put(arrival.at, InFlight { to, session, port, class, number, sent: now, message });
         }
         match copies {
             0 => counts.lost += 1,
@@ -133,6 +133,8 @@ pub(super) struct InFlight<M> {
     pub class: Class,
     /// Its number among all messages of its sender's incarnation.
     pub number: u32,
+    /// When it was sent.
+    pub sent: Time,
     pub message: M,
 }
 

@@ -532,7 +532,7 @@ impl Launcher for HostsLauncher {
         self.wait_for(&ToDaemon::Account, |shared, host| shared.accounts.contains_key(&host))?;
         let shared = self.shared.borrow();
         let mut counters: Vec<AgentCounters> =
-            shared.accounts.values().map(|(counters, _)| *counters).collect();
+            shared.accounts.values().map(|(counters, _)| counters.clone()).collect();
         counters.push(shared.node.account());
         for generation in 0..shared.generation {
             let read = CounterFile::read(&shared.root, CONTROLLER, own_incarnation(generation));

@@ -9,6 +9,7 @@ use metamorph_module_agent::transport::AgentKey;
 use metamorph_module_agent::transport::shared_frame::SharedFrame;
 use metamorph_protocol::counters::{Class, Tally};
 use metamorph_protocol::ids::HostId;
+use metamorph_protocol::latency::Latencies;
 use metamorph_protocol::link::Hosts;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_protocol::wire::Frame;
@@ -20,7 +21,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// First bytes of an opening; the last one is the version of these messages.
-const MAGIC: [u8; 8] = *b"MMHOSTS\x04";
+const MAGIC: [u8; 8] = *b"MMHOSTS\x05";
 /// Largest opening in bytes: it holds the swarm file, which has the same limit.
 const OPENING_LIMIT: usize = 257 << 20;
 /// Largest message on the stream in bytes.
@@ -222,19 +223,20 @@ pub struct Account {
     foreign: u64,
     wakes: u64,
     unrecorded: u64,
+    latencies: Latencies,
 }
 
 impl From<AgentCounters> for Account {
     fn from(counters: AgentCounters) -> Account {
-        let AgentCounters { tally, left, loose, closed, foreign, wakes, unrecorded } = counters;
-        Account { tally, left, loose, closed, foreign, wakes, unrecorded }
+        let AgentCounters { tally, left, loose, closed, foreign, wakes, unrecorded, latencies } = counters;
+        Account { tally, left, loose, closed, foreign, wakes, unrecorded, latencies }
     }
 }
 
 impl From<Account> for AgentCounters {
     fn from(account: Account) -> AgentCounters {
-        let Account { tally, left, loose, closed, foreign, wakes, unrecorded } = account;
-        AgentCounters { tally, left, loose, closed, foreign, wakes, unrecorded }
+        let Account { tally, left, loose, closed, foreign, wakes, unrecorded, latencies } = account;
+        AgentCounters { tally, left, loose, closed, foreign, wakes, unrecorded, latencies }
     }
 }
 
