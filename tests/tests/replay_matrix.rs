@@ -16,7 +16,7 @@ use std::collections::BTreeSet;
 use std::env;
 
 /// Keys that all families share, with values for runs on the simulated link.
-const OPTIONS: [(&str, &[&str]); 25] = [
+const OPTIONS: [(&str, &[&str]); 26] = [
     (
         "link.delay",
         &[
@@ -38,6 +38,13 @@ const OPTIONS: [(&str, &[&str]); 25] = [
     ("link.reorder", &["10%"]),
     ("link.corrupt", &["5%"]),
     ("link.until", &["30s"]),
+    (
+        "link.between",
+        &[
+            "[{ modules = [0, \"any\"], one_way = true, loss = \"40%\" }]",
+            "[{ modules = [[0, 1], 2], until = \"9s\", delay = \"1s\" }, { modules = \"any\", from = \"5s\", delay = \"0s..900ms\" }]",
+        ],
+    ),
     ("link.controller.delay", &["20ms..50ms", "0s..3s"]),
     ("link.controller.loss", &["20%"]),
     ("link.between_hosts.hosts", &["2", "3"]),

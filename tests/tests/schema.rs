@@ -51,6 +51,17 @@ enter = "1%"
 leave = "10%"
 loss = "90%"
 delay = "50ms..200ms"
+[[link.between]]
+modules = [3, [4, 5]]
+one_way = true
+from = "1s"
+until = "20s"
+delay = "50ms..200ms"
+burst = { enter = "1%", leave = "10%" }
+loss = "5%"
+duplicate = "1%"
+reorder = "1%"
+corrupt = "1%"
 [link.controller]
 delay = "20ms..50ms"
 loss = "5%"
@@ -239,6 +250,7 @@ fn tables() -> Vec<(&'static str, &'static str, &'static str, Vec<&'static str>)
         (CUBES, "", "", vec![]),
         (CUBES, "link.", "link", vec![]),
         (CUBES, "link.burst.", "burst", vec![]),
+        (CUBES, "link.between.0.", "between", vec![]),
         (CUBES, "link.between_hosts.delay.", "quantiles", vec![]),
         (CUBES, "link.controller.", "controller-link", vec![]),
         (CUBES, "link.between_hosts.", "between_hosts", vec![]),

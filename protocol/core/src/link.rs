@@ -4,11 +4,13 @@
 //! and an agent process delays, drops or duplicates what it sends in the same way. Links keep their order
 //! unless a message is drawn to be reordered.
 
+mod between;
 mod changes;
 mod controller;
 mod delays;
 mod hosts;
 
+pub use between::{Between, End};
 pub use changes::LinkChanges;
 pub use controller::ControllerLink;
 pub use delays::{Burst, LinkState, MOST_QUANTILES, Quantiles, QuantilesError};
@@ -59,6 +61,8 @@ pub struct LinkModel {
     pub corrupt: Ratio,
     /// Spells in which the link is worse; `None` if there are none.
     pub burst: Option<Arc<Burst>>,
+    /// Links of their own between some modules: the first that fits a message has it.
+    pub between: Vec<Between>,
     /// From this time on messages are delayed, but not lost, duplicated, reordered or damaged; partitions still
     /// apply. `None`: never.
     pub harmless_from: Option<Time>,
@@ -96,6 +100,7 @@ impl LinkModel {
         self.delay_max == Span::ZERO
             && [self.loss, self.duplicate, self.reorder, self.corrupt].iter().all(|p| p.is_zero())
             && self.burst.is_none()
+            && self.between.is_empty()
             && self.partitions.is_empty()
             && self.hosts.is_none()
             && self.changes.is_none()
@@ -119,7 +124,10 @@ impl LinkModel {
     /// Returns the longest delay of a message that no later one overtakes, within a burst too.
     pub fn longest_delay(&self) -> Span {
         let within = self.burst.as_ref().and_then(|burst| burst.delay).map_or(Span::ZERO, |delay| delay.1);
-        self.delay_max.max(within)
+        self.between
+            .iter()
+            .map(|between| between.link.longest_delay())
+            .fold(self.delay_max.max(within), Span::max)
     }
 
     /// Draws the fate of a message sent at `now`, and advances the state of this direction of the link.
@@ -137,6 +145,9 @@ impl LinkModel {
         }
         if self.changes.loss.is_some_and(|loss| rng.chance(loss)) {
             return fate;
+        }
+        if let Some(between) = self.between.iter().find(|between| between.holds(now, from, to)) {
+            return between.link.carry(now, from, to, rng, state);
         }
         if let Some(between) = self.hosts.as_deref().and_then(|hosts| hosts.between(from, to)) {
             return between.carry(now, from, to, rng, state);

@@ -1,11 +1,11 @@
 //! Commands of operators as written in `[[command]]` tables, which `metamorph export --commands` makes of the commands of
 //! a run.
 
+use super::definitions::{Definitions, of, or, said, table};
 use super::diagnostics::{At, Diagnostics};
 use super::error::ScenarioError;
 use super::family::ScenarioFamily;
 use super::fault_plan::Bounds;
-use super::schema::{Definitions, of, or, said, table};
 use super::table::{Node, Read, Section, elements};
 use metamorph_core::time::{Span, Time};
 use metamorph_kernel::director::commands::{Commands, MOST_COMMANDS};

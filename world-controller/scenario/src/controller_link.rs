@@ -1,9 +1,9 @@
 //! `[link.controller]`: how orders and reports travel between the controller and the agents.
 
 use super::LinkKind;
+use super::definitions::{Definitions, of, said, table};
 use super::diagnostics::{At, Diagnostics, Place};
 use super::error::{LONGEST, ScenarioError};
-use super::schema::{Definitions, of, said, table};
 use super::table::{Delay, Node, Section};
 use metamorph_core::link::ControllerLink;
 use metamorph_core::ratio::Ratio;

@@ -1,10 +1,10 @@
 //! Faults as written, in `[[fault]]` tables and options such as `--kill 3@2s`. Absent: checking and injecting them.
 
+use super::definitions::{Definitions, fault, for_good, natural, of, or, said, table};
 use super::diagnostics::{At, Diagnostics, Place};
 use super::error::ScenarioError;
 use super::family::{ScenarioFamily, SectionKind, WorldFaultKind, fault_keys};
 use super::hosts::{self, Pair};
-use super::schema::{Definitions, fault, for_good, natural, of, or, said, table};
 use super::table::{Node, Read, Section, Window, elements, span, span_range};
 use metamorph_core::ids::HostId;
 use metamorph_core::ratio::Ratio;

@@ -2,12 +2,12 @@
 //! Absent: faults of hosts (`faults`).
 
 use super::bounds::ONE;
+use super::definitions::{Definitions, of, said, table, text};
 use super::diagnostics::{At, Diagnostics, Place};
 use super::error::{LONGEST, ScenarioError};
 use super::placement;
 use super::raw::RawLink;
-use super::schema::{Definitions, of, said, table, text};
-use super::table::{Delay, Node, Read, Section, elements, span, wrong};
+use super::table::{Node, Read, Section, elements, span, wrong};
 use metamorph_core::ids::{HostId, ModuleId};
 use metamorph_core::link::{Burst, ClockOffset, Hosts, LinkModel};
 use metamorph_core::time::Span;
@@ -221,32 +221,16 @@ impl RawHosts {
         &self.place
     }
 
-    /// Returns the longest delay of a link, if it is longer than that within a host.
-    pub fn longest_delay(&self, within: Span, diagnostics: &mut Diagnostics) -> Span {
-        let links = std::iter::once(&self.link).chain(self.pairs.iter().map(|(_, link)| link));
-        let mut longest = links.clone().map(RawLink::longest_within).fold(within, Span::max);
-        for At { value: Delay(_, max), place } in links.filter_map(|link| link.delay.as_ref()) {
-            if *max > LONGEST {
-                let (got, low, high) = (max.to_string(), Span::ZERO.to_string(), LONGEST.to_string());
-                let what = "the delay";
-                diagnostics.add(place.clone(), ScenarioError::Range { what, got, low, high });
-            }
-            longest = longest.max(*max);
-        }
-        longest
+    /// Iterates over the links between hosts, as written.
+    pub fn links(&self) -> impl Iterator<Item = &RawLink> {
+        std::iter::once(&self.link).chain(self.pairs.iter().map(|(_, link)| link))
     }
 
     /// Returns a link that is as bad as the worst of all, within hosts and between them.
     pub fn worst(&self, within: &LinkModel) -> LinkModel {
         let between = self.link.over(within);
         let pairs = self.pairs.iter().map(|(_, link)| link.over(&between));
-        pairs.chain([between.clone()]).fold(within.clone(), |worst, link| LinkModel {
-            loss: worst.loss.larger(link.loss),
-            reorder: worst.reorder.larger(link.reorder),
-            corrupt: worst.corrupt.larger(link.corrupt),
-            burst: [&worst.burst, &link.burst].into_iter().flatten().max_by_key(lost_within).cloned(),
-            ..worst
-        })
+        worst(within, pairs.chain([between.clone()]))
     }
 
     /// Returns the largest difference of a clock from the controller's.
@@ -303,7 +287,12 @@ impl RawHosts {
             }
         }
         let clocks = self.clocks(hosts, diagnostics)?;
-        let between = self.link.over(&LinkModel { partitions: Vec::new(), hosts: None, ..within.clone() });
+        let between = self.link.over(&LinkModel {
+            partitions: Vec::new(),
+            hosts: None,
+            between: Vec::new(),
+            ..within.clone()
+        });
         let mut links: Vec<LinkModel> = Hosts::pairs(hosts).map(|_| between.clone()).collect();
         for (pair, raw) in &self.pairs {
             let (a, b) = pair_of(pair, hosts, diagnostics)?;
@@ -330,6 +319,17 @@ impl RawHosts {
         diagnostics.add(place.clone(), problem);
         None
     }
+}
+
+/// Returns a link that is as bad as the worst of these.
+pub fn worst(first: &LinkModel, others: impl Iterator<Item = LinkModel>) -> LinkModel {
+    others.fold(first.clone(), |worst, link| LinkModel {
+        loss: worst.loss.larger(link.loss),
+        reorder: worst.reorder.larger(link.reorder),
+        corrupt: worst.corrupt.larger(link.corrupt),
+        burst: [&worst.burst, &link.burst].into_iter().flatten().max_by_key(lost_within).cloned(),
+        ..worst
+    })
 }
 
 /// Returns the part of the messages within bursts that are lost, in units of 1/[`ONE`].
@@ -386,20 +386,22 @@ pub fn pair_of(pair: &Pair, hosts: usize, diagnostics: &mut Diagnostics) -> Opti
     Some((a, b))
 }
 
+/// Adds the keys of every link to those of one, for the JSON schema.
+pub fn rates(mut own: serde_json::Value, otherwise: &str) -> serde_json::Value {
+    let rate = |kind| said(&format!("If left out, as {otherwise}."), of(kind));
+    own["delay"] = rate("link-delay");
+    own["burst"] = rate("burst");
+    for key in ["loss", "duplicate", "reorder", "corrupt"] {
+        own[key] = rate("probability");
+    }
+    own
+}
+
 /// Returns the definitions of the hosts, for the JSON schema.
 pub fn schema() -> Definitions {
     let sizes =
         json!({ "type": "array", "items": { "type": "integer", "minimum": 1 }, "maxItems": MAX_HOSTS });
     let number = json!({ "type": "integer", "minimum": 1, "maximum": MAX_HOSTS });
-    let rates = |mut own: serde_json::Value, otherwise: &str| {
-        let rate = |kind| said(&format!("If left out, as {otherwise}."), of(kind));
-        own["delay"] = rate("link-delay");
-        own["burst"] = rate("burst");
-        for key in ["loss", "duplicate", "reorder", "corrupt"] {
-            own[key] = rate("probability");
-        }
-        own
-    };
     vec![
         (
             "host",

@@ -2,8 +2,9 @@
 
 use super::Plan;
 use metamorph_core::ids::HostId;
-use metamorph_core::link::{Burst, Hosts, LinkModel};
-use metamorph_text::format::{many, whole_percent};
+use metamorph_core::link::{Between, Burst, End, Hosts, LinkModel};
+use metamorph_core::time::Time;
+use metamorph_text::format::{listed, many, whole_percent};
 use std::fmt::{Result, Write};
 
 /// Largest number of hosts listed, and of links that differ.
@@ -81,6 +82,23 @@ fn write_links(out: &mut String, hosts: &Hosts) -> Result {
         0 => Ok(()),
         more => writeln!(out, "            … and {}", many(more as u64, "link")),
     }
+}
+
+/// Describes a link of its own.
+pub fn between(between: &Between) -> String {
+    let Between { ends, one_way, from, until, link } = between;
+    let named = |end: &End| {
+        let ids: Vec<u32> = end.0.iter().map(|id| id.0).collect();
+        if ids.is_empty() { "any".to_owned() } else { listed(&ids, SHOWN_MAX) }
+    };
+    let [a, b] = ends.each_ref().map(named);
+    let way = if *one_way { format!("from {a} to {b}") } else { format!("between {a} and {b}") };
+    let time = match (*from, *until) {
+        (Time::ZERO, Time::NEVER) => String::new(),
+        (from, Time::NEVER) => format!(" from {from} on"),
+        (from, until) => format!(" from {from} to {until}"),
+    };
+    format!("{way}{time}: {}", rates(link))
 }
 
 /// Describes the delay of a link and what it does to messages.

@@ -14,6 +14,7 @@
 pub mod bounds;
 pub mod commands;
 mod controller_link;
+pub mod definitions;
 pub mod diagnostics;
 pub mod error;
 pub mod family;
@@ -22,6 +23,7 @@ pub mod faults;
 pub mod grid;
 pub mod hosts;
 mod hosts_summary;
+mod link_between;
 mod link_burst;
 pub mod operator;
 mod placement;

@@ -1,8 +1,8 @@
 //! `[link] delay` with quantiles, and `[link.burst]`.
 
+use super::definitions::{Definitions, of, said, table};
 use super::diagnostics::{At, Diagnostics, Place};
 use super::error::{LONGEST, ScenarioError};
-use super::schema::{Definitions, of, said, table};
 use super::table::{Delay, Node, Read, Section, elements, wrong};
 use metamorph_core::link::{Burst, MOST_QUANTILES, Quantiles, QuantilesError};
 use metamorph_core::ratio::Ratio;

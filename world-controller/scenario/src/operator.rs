@@ -1,8 +1,8 @@
 //! `[operator]`: the operator of a run, scripted or a person, and how much modules decide for themselves.
 
+use super::definitions::{Definitions, names, of, or, said, table};
 use super::diagnostics::{At, Diagnostics, Place};
 use super::error::{LONGEST, ScenarioError};
-use super::schema::{Definitions, names, of, or, said, table};
 use super::table::{Delay, Node, Section};
 use metamorph_core::time::Span;
 use metamorph_kernel::director::operator::{Choice, Habits, Level};

@@ -7,7 +7,8 @@ use super::diagnostics::{At, Diagnostics};
 use super::error::{LONGEST, SHORTEST, ScenarioError};
 use super::family::{DraftContext, FamilySpec, Patience};
 use super::fault_plan::{self, Bounds, HostCut, Planned};
-use super::raw::{Raw, default_delay};
+use super::hosts::{RawHosts, worst};
+use super::raw::{Raw, RawLink, default_delay};
 use super::table::Delay;
 use super::{LinkKind, Overrides, Plan, StagePlan};
 use metamorph_core::ids::HostId;
@@ -40,7 +41,9 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
     let time_step = bounded(time_step, key, SHORTEST, LONGEST, diagnostics).unwrap_or(BEAT);
     let (mut link, usual_delay) = link(raw, overrides.link, time_step, diagnostics);
     let Delay(_, usual) = default_delay(LinkKind::Sim, time_step);
-    let worst = raw.hosts.as_ref().map_or_else(|| link.clone(), |hosts| hosts.worst(&link));
+    let within = raw.hosts.as_ref().map_or_else(|| link.clone(), |hosts| hosts.worst(&link));
+    let lasting = raw.between.iter().filter(|between| !between.ends());
+    let worst = worst(&within, lasting.map(|between| between.rates.over(&link)));
     let passage = Passage::of(&worst, usual_delay, usual);
     let speed = raw.time_scale.as_ref().map_or(TIME_SCALE, |scale| scale.value);
     let skew = raw.hosts.as_ref().map_or(Span::ZERO, |hosts| hosts.borne(speed));
@@ -61,11 +64,14 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
             hosts.iter_mut().for_each(|hosts| hosts.cut(a, b, from, until));
         }
         (faults, link.partitions) = (compiled.planned, compiled.partitions);
+        let own = raw.between.iter().map(|between| between.compile(&link, draft.modules, diagnostics));
+        link.between = own.collect();
         link.hosts = hosts.map(Arc::new);
         let between =
             link.hosts.iter().flat_map(|hosts| hosts.links()).flat_map(|(_, link)| &link.partitions);
         let cuts = link.partitions.iter().chain(between);
-        let ends = cuts.map(|cut| cut.until).chain(link.harmless_from);
+        let own = link.between.iter().map(|between| between.until).filter(|until| *until != Time::NEVER);
+        let ends = cuts.map(|cut| cut.until).chain(link.harmless_from).chain(own);
         stop.planned_until = ends.max().unwrap_or(Time::ZERO).min(stop.timeout);
     }
     swarm.check_end(stop.timeout.since(Time::ZERO), diagnostics);
@@ -152,15 +158,14 @@ fn stop(
 }
 
 fn link(raw: &Raw, kind: LinkKind, time_step: Span, diagnostics: &mut Diagnostics) -> (LinkModel, Span) {
-    if let Some(At { value: Delay(_, max), place }) = &raw.link.delay {
-        bounded(&Some(At::new(*max, place.clone())), "the delay", Span::ZERO, LONGEST, diagnostics);
-    }
     let written = raw.link.delay.as_ref().map(|d| d.value);
     let Delay(delay_min, delay_max) = written.unwrap_or_else(|| default_delay(kind, time_step));
     let Delay(_, usual) = written.unwrap_or_else(|| default_delay(LinkKind::Sim, time_step));
-    let usual = raw.hosts.as_ref().map_or(usual, |hosts| hosts.longest_delay(usual, diagnostics));
+    let own = raw.between.iter().map(|between| &between.rates);
+    let links = std::iter::once(&raw.link).chain(own).chain(raw.hosts.iter().flat_map(RawHosts::links));
+    let longest = RawLink::longest_delay(links, usual, diagnostics);
     let default = LinkModel { delay_min, delay_max, ..LinkModel::default() };
-    (raw.link.over(&default), usual.max(raw.link.longest_within()))
+    (raw.link.over(&default), longest)
 }
 
 fn time_scale(raw: &Raw, diagnostics: &mut Diagnostics) -> f64 {

@@ -86,6 +86,16 @@ fn write_link(out: &mut String, plan: &Plan) -> std::fmt::Result {
         write!(out, "; until {until}")?;
     }
     writeln!(out)?;
+    for between in link.between.iter().take(SHOWN_MAX) {
+        writeln!(out, "            {}", hosts_summary::between(between))?;
+    }
+    if link.between.len() > SHOWN_MAX {
+        writeln!(
+            out,
+            "            … and {} more links of their own",
+            count((link.between.len() - SHOWN_MAX) as u64)
+        )?;
+    }
     for cut in &link.partitions {
         let side = many(cut.side.len() as u64, "module");
         writeln!(out, "            {side} cut off from {} to {}", cut.from, cut.until)?;

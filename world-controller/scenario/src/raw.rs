@@ -3,10 +3,11 @@
 use super::commands::{self, RawCommands};
 use super::controller_link::RawController;
 use super::diagnostics::{At, Diagnostics, Place};
-use super::error::{MAX_GOALS, ScenarioError, VERSION};
+use super::error::{LONGEST, MAX_GOALS, ScenarioError, VERSION};
 use super::family::{RawSwarm, SectionKind, Sections};
 use super::faults::{self, RawFault, Verb};
 use super::hosts::RawHosts;
+use super::link_between::{self, RawBetween};
 use super::link_burst::{self, LinkDelay};
 use super::operator::RawOperator;
 use super::rescue;
@@ -42,7 +43,7 @@ pub struct RawLink {
 
 impl RawLink {
     /// Returns the longest delay within a burst.
-    pub fn longest_within(&self) -> Span {
+    fn longest_within(&self) -> Span {
         self.burst.as_ref().and_then(|burst| burst.delay).map_or(Span::ZERO, |delay| delay.1)
     }
 
@@ -61,6 +62,23 @@ impl RawLink {
             corrupt: section.get("corrupt", diagnostics),
             until: None,
         }
+    }
+
+    /// Checks the delay of each link, and returns the longest of them and of `usual`.
+    pub fn longest_delay<'l>(
+        links: impl Iterator<Item = &'l RawLink>,
+        usual: Span,
+        diagnostics: &mut Diagnostics,
+    ) -> Span {
+        links.fold(usual, |longest, link| {
+            let longest = longest.max(link.longest_within());
+            let Some(At { value: Delay(_, max), place }) = &link.delay else { return longest };
+            if *max > LONGEST {
+                let (got, low, high) = (max.to_string(), Span::ZERO.to_string(), LONGEST.to_string());
+                diagnostics.add(place.clone(), ScenarioError::Range { what: "the delay", got, low, high });
+            }
+            longest.max(*max)
+        })
     }
 
     /// Returns a link with what is written here, and otherwise as `default`.
@@ -103,6 +121,8 @@ pub struct Raw {
     pub failed_connections: Option<At<Ratio>>,
     /// The link.
     pub link: RawLink,
+    /// Links of their own between some modules.
+    pub between: Vec<RawBetween>,
     /// The link of orders and reports, if they take time.
     pub controller: Option<RawController>,
     /// The hosts, if the swarm is divided among several.
@@ -213,6 +233,7 @@ impl Raw {
             swarm: None,
             failed_connections: None,
             link: RawLink::default(),
+            between: Vec::new(),
             controller: None,
             hosts: None,
             time_scale: None,
@@ -230,6 +251,8 @@ impl Raw {
         let Some(mut section) = Section::of(node, "[link]", "loss = \"5%\"", diagnostics) else { return };
         self.link = RawLink::read_rates(&mut section, diagnostics);
         self.link.until = section.get("until", diagnostics);
+        self.between =
+            section.node("between").map_or_else(Vec::new, |node| link_between::read(node, diagnostics));
         self.controller = section.node("controller").and_then(|node| RawController::read(node, diagnostics));
         self.hosts = section.node("between_hosts").and_then(|node| RawHosts::read(node, diagnostics));
         section.finish(diagnostics);

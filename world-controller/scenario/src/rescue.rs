@@ -1,7 +1,7 @@
 //! `[controller]`: how far the controller helps a swarm that stands still.
 
+use super::definitions::{Definitions, one_of, said, table};
 use super::diagnostics::Diagnostics;
-use super::schema::{Definitions, one_of, said, table};
 use super::table::{Node, Section};
 use metamorph_kernel::director::rescue::Rescue;
 use serde_json::json;

@@ -21,6 +21,7 @@ use metamorph_world_controller::report::run_result::RunResult;
 use metamorph_world_controller::run::runnable::{Runnable, stage};
 use metamorph_world_controller::scenario::Plan;
 use metamorph_world_controller::scenario::bounds::Bounds;
+use metamorph_world_controller::scenario::definitions::{of, or, seldom, table};
 use metamorph_world_controller::scenario::diagnostics::{At, Diagnostics, Place};
 use metamorph_world_controller::scenario::error::ScenarioError;
 use metamorph_world_controller::scenario::family::{
@@ -29,7 +30,6 @@ use metamorph_world_controller::scenario::family::{
 };
 use metamorph_world_controller::scenario::plan::BEAT;
 use metamorph_world_controller::scenario::raw::protocol_section;
-use metamorph_world_controller::scenario::schema::{of, or, seldom, table};
 use metamorph_world_controller::scenario::shapes::{KINDS, Layout, check_box};
 use metamorph_world_controller::scenario::table::Section;
 use pyo3::prelude::*;

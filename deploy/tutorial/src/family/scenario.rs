@@ -4,13 +4,13 @@ use super::{ElectionFamily, Plate};
 use crate::leader::Setup;
 use metamorph_protocol::time::Span;
 use metamorph_world_controller::scenario::bounds::Bounds;
+use metamorph_world_controller::scenario::definitions::{NUMBERED, natural, of, or, said, table, text};
 use metamorph_world_controller::scenario::diagnostics::{At, Diagnostics};
 use metamorph_world_controller::scenario::error::ScenarioError;
 use metamorph_world_controller::scenario::family::{
     DraftContext, FamilySchema, FamilySpec, Patience, RawSwarm, ScenarioFamily, Sections, Swarm,
 };
 use metamorph_world_controller::scenario::raw::{goal_sections, protocol_section};
-use metamorph_world_controller::scenario::schema::{NUMBERED, natural, of, or, said, table, text};
 use metamorph_world_controller::scenario::table::Section;
 use serde_json::json;
 use std::sync::Arc;

@@ -6,7 +6,7 @@
 //! messages are late.
 
 use super::commands;
-use super::generated_scenario::{Break, GeneratedFault, GeneratedLink, GeneratedScenario};
+use super::generated_scenario::{Break, GeneratedFault, GeneratedLink, GeneratedScenario, OwnLink};
 use metamorph_families::generated::Dice;
 use metamorph_processes::family::{Family, all};
 use metamorph_protocol::rng::Rng;
@@ -127,6 +127,7 @@ fn draft(dice: &mut Dice, seed: u64, family: &dyn Family, elements: bool) -> Gen
         rescue: rescue(seed),
         patience: None,
     };
+    own_links(&mut draft);
     if !dice.once_in(6) {
         if dice.once_in(3) {
             draft.failed_connections = dice.pick(&[2, 10, 30]);
@@ -137,7 +138,7 @@ fn draft(dice: &mut Dice, seed: u64, family: &dyn Family, elements: bool) -> Gen
     let commands = commands::draw(&draft, family);
     draft.faults.extend(commands);
     draft.link.until = end_of_harm(dice, &draft);
-    draft.patience = family.patience(draft.failed_connections > 0, draft.link.delay.1);
+    draft.patience = family.patience(draft.failed_connections > 0, draft.link.longest());
     if lasts(&draft) {
         // The bounds follow from the link.
         (draft.link.until, draft.patience) = (None, None);
@@ -163,6 +164,34 @@ fn link(dice: &mut Dice) -> GeneratedLink {
         reorder: percent(&[2, 20]),
         corrupt: percent(&[1, 5]),
         until: None,
+        quantiles: None,
+        burst: None,
+        own: None,
+    }
+}
+
+/// Number of the first seed for which quantiles of the delay, bursts and links of single modules are drawn.
+const LINKS_FROM: u64 = 1 << 36;
+
+/// Draws each of them in one of three runs.
+fn own_links(draft: &mut GeneratedScenario) {
+    if draft.seed < LINKS_FROM {
+        return;
+    }
+    let mut dice = Dice(Rng::named(draft.seed, "explore, links", 0));
+    if dice.once_in(3) {
+        draft.link.quantiles = Some(dice.pick(&[[2, 20, 80], [50, 400, 2_000], [10, 1_000, 3_000]]));
+    }
+    if dice.once_in(3) {
+        draft.link.burst = Some(dice.pick(&[[1, 10, 90], [5, 50, 100], [2, 5, 40]]));
+    }
+    if dice.once_in(3) {
+        draft.link.own = Some(OwnLink {
+            module: dice.0.below(draft.modules() as u64) as u32,
+            one_way: dice.once_in(2),
+            delay: dice.pick(&[(0, 0), (300, 900), (0, 3_000)]),
+            loss: dice.pick(&[0, 20, 50]),
+        });
     }
 }
 
@@ -271,6 +300,20 @@ mod tests {
             assert_eq!(drawn(0, chosen), BTreeSet::from([level]));
             assert!(chosen.options().ends_with(&format!("--rescue {level}")));
         }
+    }
+
+    /// Quantiles, bursts and links of their own are drawn, alone and together, for large seeds only.
+    #[test]
+    fn links_of_every_kind_are_drawn() {
+        let kinds = |from: u64| -> BTreeSet<[bool; 3]> {
+            let link = |seed| draw(seed, Some(all()[0])).1.link;
+            (from..from + 60)
+                .map(link)
+                .map(|link| [link.quantiles.is_some(), link.burst.is_some(), !link.between.is_empty()])
+                .collect()
+        };
+        assert_eq!(kinds(0), BTreeSet::from([[false; 3]]));
+        assert_eq!(kinds(LINKS_FROM).len(), 8);
     }
 
     /// Permanent impairments are drawn, with the bounds that follow from them, and smaller seeds draw none.

@@ -53,12 +53,79 @@ pub struct GeneratedLink {
     pub corrupt: u8,
     /// End of all impairments but the delay.
     pub until: Option<u64>,
+    /// Delays that half of the messages, 99 % and all do not exceed, in place of `delay`.
+    pub quantiles: Option<[u64; 3]>,
+    /// Bursts: the probabilities to begin and to end one, and of loss within.
+    pub burst: Option<[u8; 3]>,
+    /// The link of one module, if it is another one.
+    pub own: Option<OwnLink>,
+}
+
+/// The link between a module and all others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OwnLink {
+    /// The module.
+    pub module: u32,
+    /// Whether only what it sends is meant.
+    pub one_way: bool,
+    /// The shortest and the longest delay.
+    pub delay: (u64, u64),
+    /// Messages lost.
+    pub loss: u8,
+}
+
+impl OwnLink {
+    /// Returns the link after module `gone` is removed and later ones are renumbered; `None` if it was that module's.
+    pub fn without(self, gone: u32) -> Option<OwnLink> {
+        let module = self.module - u32::from(self.module > gone);
+        (self.module != gone).then_some(OwnLink { module, ..self })
+    }
 }
 
 impl GeneratedLink {
     /// Returns true if it does more than delay messages.
     pub fn harms(&self) -> bool {
-        [self.loss, self.duplicate, self.reorder, self.corrupt].iter().any(|evil| *evil > 0)
+        let own = self.own.map_or(0, |own| own.loss);
+        self.burst.is_some()
+            || [self.loss, self.duplicate, self.reorder, self.corrupt, own].iter().any(|evil| *evil > 0)
+    }
+    /// Returns the longest delay.
+    pub fn longest(&self) -> u64 {
+        let usual = self.quantiles.map_or(self.delay.1, |[_, _, all]| all);
+        usual.max(self.own.map_or(0, |own| own.delay.1))
+    }
+}
+
+impl fmt::Display for GeneratedLink {
+    /// Writes the table `[link]`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let GeneratedLink { delay: (min, max), loss, duplicate, reorder, corrupt, until, .. } = *self;
+        match self.quantiles.map(|all| all.map(Span::millis)) {
+            None => writeln!(f, "\n[link]\ndelay = \"{}..{}\"", Span::millis(min), Span::millis(max))?,
+            Some([half, most, all]) => writeln!(
+                f,
+                "\n[link]\ndelay = {{ quantiles = [[\"50%\", \"{half}\"], [\"99%\", \"{most}\"], [\"100%\", \"{all}\"]] }}"
+            )?,
+        }
+        for (key, percent) in
+            [("loss", loss), ("duplicate", duplicate), ("reorder", reorder), ("corrupt", corrupt)]
+        {
+            if percent > 0 {
+                writeln!(f, "{key} = \"{percent}%\"")?;
+            }
+        }
+        if let Some(until) = until {
+            writeln!(f, "until = \"{}\"", Span::millis(until))?;
+        }
+        if let Some([enter, leave, loss]) = self.burst {
+            writeln!(f, "burst = {{ enter = \"{enter}%\", leave = \"{leave}%\", loss = \"{loss}%\" }}")?;
+        }
+        if let Some(OwnLink { module, one_way, delay: (min, max), loss }) = self.own {
+            let (min, max) = (Span::millis(min), Span::millis(max));
+            writeln!(f, "\n[[link.between]]\nmodules = [{module}, \"any\"]\none_way = {one_way}")?;
+            writeln!(f, "delay = \"{min}..{max}\"\nloss = \"{loss}%\"")?;
+        }
+        Ok(())
     }
 }
 
@@ -204,18 +271,7 @@ impl fmt::Display for GeneratedScenario {
         }
         writeln!(f, "seed = {}\n\n[swarm]", self.seed)?;
         self.swarm.write(f, self.failed_connections)?;
-        let GeneratedLink { delay: (min, max), loss, duplicate, reorder, corrupt, until } = self.link;
-        writeln!(f, "\n[link]\ndelay = \"{}..{}\"", Span::millis(min), Span::millis(max))?;
-        for (key, percent) in
-            [("loss", loss), ("duplicate", duplicate), ("reorder", reorder), ("corrupt", corrupt)]
-        {
-            if percent > 0 {
-                writeln!(f, "{key} = \"{percent}%\"")?;
-            }
-        }
-        if let Some(until) = until {
-            writeln!(f, "until = \"{}\"", Span::millis(until))?;
-        }
+        self.link.fmt(f)?;
         if self.rescue != Rescue::default() {
             writeln!(f, "\n[controller]\nrescue = \"{}\"", self.rescue)?;
         }

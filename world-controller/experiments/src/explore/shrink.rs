@@ -72,6 +72,7 @@ fn with(
             }
             None => false,
         });
+        draft.link.own = draft.link.own.and_then(|own| own.without(id as u32));
     }
     draft
 }
@@ -84,6 +85,9 @@ fn with_another(draft: &GeneratedScenario, swarm: Box<dyn GeneratedSwarm>, gone:
     for fault in &mut draft.faults {
         fault.what = fault.what.instead(gone as u32, other as u32);
     }
+    if let Some(own) = draft.link.own.as_mut().filter(|own| own.module == gone as u32) {
+        own.module = other as u32;
+    }
     with(&draft, swarm, gone..gone + 1)
 }
 
@@ -95,6 +99,9 @@ fn simpler_link(draft: &GeneratedScenario, found: &mut Vec<GeneratedScenario>) {
         GeneratedLink { duplicate: 0, ..link },
         GeneratedLink { reorder: 0, ..link },
         GeneratedLink { corrupt: 0, ..link },
+        GeneratedLink { quantiles: None, ..link },
+        GeneratedLink { burst: None, ..link },
+        GeneratedLink { own: None, ..link },
         GeneratedLink { until: link.until.filter(|_| link.harms()), ..link },
         GeneratedLink { delay: (link.delay.1, link.delay.1), ..link },
     ];

@@ -1,9 +1,9 @@
 //! The parts of the JSON schema of scenarios that only cubes have.
 
 use super::scenario::{CO_OWNERS, CONNECTIVITY, DEAD, GROWTH};
+use metamorph_scenario::definitions::{NUMBERED, of, one_of, or, said, seldom, table, text};
 use metamorph_scenario::family::FamilySchema;
 use metamorph_scenario::plan::BEAT;
-use metamorph_scenario::schema::{NUMBERED, of, one_of, or, said, seldom, table, text};
 use metamorph_scenario::shapes::KINDS;
 use serde_json::json;
 

@@ -6,9 +6,9 @@ use super::scenario::{
 };
 use super::walking;
 use metamorph_protocol::free_module::named;
+use metamorph_scenario::definitions::{NUMBERED, names, of, or, said, seldom, table, text};
 use metamorph_scenario::family::FamilySchema;
 use metamorph_scenario::plan::BEAT;
-use metamorph_scenario::schema::{NUMBERED, names, of, or, said, seldom, table, text};
 use serde_json::{Value, json};
 
 /// The shapes that can be named.

@@ -2,10 +2,10 @@
 
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::elements::MAX_ELEMENTS;
+use metamorph_scenario::definitions::{fault, for_good, natural, of};
 use metamorph_scenario::diagnostics::Diagnostics;
 use metamorph_scenario::error::ScenarioError;
 use metamorph_scenario::family::WorldFaultKind;
-use metamorph_scenario::schema::{fault, for_good, natural, of};
 use metamorph_scenario::table::{Node, Read};
 use metamorph_sim_bridge::director::faults::Target;
 use metamorph_sim_bridge::metamodule::faults::{DROP, OBSTACLE, OBSTACLE_GONE};

@@ -12,11 +12,11 @@ use metamorph_protocol::metamodule::params::{
     Ask, COMMUNICATION_RANGE, LEAST_COMMUNICATION_RANGE, PrecedenceBy, Strategy,
 };
 use metamorph_protocol::roombots::Kind;
-use metamorph_scenario::family::FamilySchema;
-use metamorph_scenario::plan::BEAT;
-use metamorph_scenario::schema::{
+use metamorph_scenario::definitions::{
     NUMBERED, former, names, of, one_of, one_of_its_keys, or, said, seldom, table, text,
 };
+use metamorph_scenario::family::FamilySchema;
+use metamorph_scenario::plan::BEAT;
 use serde_json::{Value, json};
 
 /// Returns the schema of the metamodules' sections.

@@ -4,7 +4,7 @@ use super::scenario::{
     DEFAULT_TRIAL, DEFAULT_TRIALS, FASTEST_TURN, FRICTION, LEARNERS, LONGEST_TRIAL, MOST_TRIALS, NETWORKS,
     SHORTEST_TRIAL, STEEPEST,
 };
-use metamorph_scenario::schema::{names, of, said, table, text};
+use metamorph_scenario::definitions::{names, of, said, table, text};
 use serde_json::{Value, json};
 
 /// Returns the keys of `[swarm]`.
