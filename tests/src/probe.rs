@@ -64,6 +64,8 @@ pub enum ProbeOrder {
     Chat(Span),
     /// Break down.
     Panic,
+    /// Take nothing any more.
+    Hang,
 }
 
 /// What a probe tells the test.
@@ -152,6 +154,9 @@ impl Agent for Probe {
                 self.wake_at = now + period;
             }
             Input::Order(ProbeOrder::Panic) => panic!("a probe was ordered to break down"),
+            Input::Order(ProbeOrder::Hang) => loop {
+                std::thread::park();
+            },
             Input::Wake => {
                 if let Some(period) = self.chat {
                     self.wake_at = now + period;
@@ -335,6 +340,7 @@ impl Wire for ProbeOrder {
             ProbeOrder::Touch(_) => 2,
             ProbeOrder::Chat(_) => 3,
             ProbeOrder::Panic => 4,
+            ProbeOrder::Hang => 5,
         }
     }
     fn encode(&self, out: &mut Encoder) {
@@ -346,7 +352,7 @@ impl Wire for ProbeOrder {
             }
             ProbeOrder::Ping(token) | ProbeOrder::Touch(token) => out.u32(*token),
             ProbeOrder::Chat(period) => out.u64(period.0),
-            ProbeOrder::Panic => {}
+            ProbeOrder::Panic | ProbeOrder::Hang => {}
         }
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<ProbeOrder, WireError> {
@@ -356,6 +362,7 @@ impl Wire for ProbeOrder {
             2 => Ok(ProbeOrder::Touch(from.u32()?)),
             3 => Ok(ProbeOrder::Chat(Span(from.u64()?))),
             4 => Ok(ProbeOrder::Panic),
+            5 => Ok(ProbeOrder::Hang),
             _ => Err(WireError::Kind(kind)),
         }
     }

@@ -74,6 +74,18 @@ fn an_agent_that_breaks_down_is_reported_with_its_last_words() {
     assert_eq!((bed.outcome.alive, bed.outcome.killed), (1, 0));
 }
 
+/// An agent whose process hangs is named as the reason why the run says nothing.
+#[test]
+fn an_agent_that_hangs_is_a_fault_of_the_machine() {
+    let mut bed = ProcessBed::new(AGENT);
+    bed.options.stop_timeout = Duration::from_secs(1);
+    let mut script = Script::new(2).order(1, ProbeOrder::Hang).settle(0);
+    bed.run(&LinkModel::default(), &mut ProbeWorld::line(2), &mut script);
+    assert_eq!(script.gave_up, None);
+    let why = bed.outcome.machine_fault.as_deref().unwrap_or_default();
+    assert!(why.contains("module 1 runs") && why.contains("hangs"), "{:?}", bed.outcome);
+}
+
 #[test]
 fn a_stopped_agent_blocks_no_other_and_goes_on_when_continued() {
     let controller = start(3, 2);

@@ -145,6 +145,28 @@ fn removed_shared_memory_ends_the_run_with_the_reason() {
     assert_eq!(left_of(&root), Vec::<std::path::PathBuf>::new());
 }
 
+/// Something removes the inboxes of agents, which go on with the neighbours that they have. A new neighbour finds none, and the
+/// run ends, since the protocol would stand still without a fault of its own.
+#[test]
+fn removed_inboxes_end_the_run_with_the_reason() {
+    let dir = tempfile::tempdir().expect("a directory");
+    let run = Run::start(&dir.path().join("journal"), &["--time-scale", "3"]);
+    wait_until("the run to begin", || root_of(run.pid()).is_some_and(|root| begun(&root)));
+    let services = root_of(run.pid()).expect("it has begun").join("services");
+    let mut removed = 0;
+    for service in std::fs::read_dir(services).expect("it has channels").flatten() {
+        let is_inbox =
+            std::fs::read_to_string(service.path()).is_ok_and(|text| text.contains("service_name = \"in/"));
+        removed += u32::from(is_inbox && std::fs::remove_file(service.path()).is_ok());
+    }
+    assert_eq!(removed, 42);
+    let reason = reason_of_machine(&run.end());
+    assert!(
+        reason.contains("the inbox of module") && reason.contains("removed from shared memory"),
+        "{reason}"
+    );
+}
+
 /// A limit of file sizes is an error, and does not end the command by a signal.
 #[test]
 fn a_limit_of_file_sizes_is_refused_at_once() {

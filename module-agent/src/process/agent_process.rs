@@ -180,6 +180,9 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
         if let Some(late) = self.lateness.report(monotonic) {
             self.push(&RuntimeMessage::Late(late));
         }
+        for (peer, incarnation) in self.sender.take_unreached() {
+            self.push(&RuntimeMessage::Unreached { peer, incarnation });
+        }
         self.uplink.flush(now);
         if self.receiver.is_ending() {
             return Ok(Turn::Over);

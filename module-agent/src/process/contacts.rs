@@ -28,6 +28,8 @@ pub struct PortContact<L> {
     pub link: Option<L>,
     /// Number of messages sent over the link, by class.
     pub sent: [u64; Class::ALL.len()],
+    /// True if it was found that the peer has no inbox.
+    pub unreached: bool,
 }
 
 /// The contact that a frame from a peer belongs to.
@@ -128,7 +130,8 @@ impl<L> Contacts<L> {
             }
         }
         let Some(contact) = contact else { return Vec::new() };
-        self.ports[port.index()] = Some(PortContact { contact, link: None, sent: [0; Class::ALL.len()] });
+        self.ports[port.index()] =
+            Some(PortContact { contact, link: None, sent: [0; Class::ALL.len()], unreached: false });
         let (now, later): (VecDeque<_>, VecDeque<_>) = std::mem::take(&mut self.early)
             .into_iter()
             .partition(|(_, header, _)| header.session == contact.session.0);

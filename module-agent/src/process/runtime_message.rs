@@ -15,6 +15,7 @@
 //! | 9 | silent | agent | |
 //! | 10 | end | controller | |
 //! | 11 | links | controller | changed loss (1), numerator (4), denominator (4), cut (1), first (4), last (4) |
+//! | 12 | unreached | agent | peer (4), its incarnation (2) |
 
 use crate::clock::lateness::Late;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
@@ -76,6 +77,13 @@ pub enum RuntimeMessage<P> {
     End,
     /// From now on this is changed about its links, and nothing else.
     Links(LinkChanges),
+    /// A neighbour has no inbox: it has ended, or its inbox was removed from outside. Said once for each contact.
+    Unreached {
+        /// The neighbour.
+        peer: ModuleId,
+        /// Its incarnation.
+        incarnation: Incarnation,
+    },
 }
 
 impl<P: Wire> Wire for RuntimeMessage<P> {
@@ -93,6 +101,7 @@ impl<P: Wire> Wire for RuntimeMessage<P> {
             RuntimeMessage::Silent => 9,
             RuntimeMessage::End => 10,
             RuntimeMessage::Links(_) => 11,
+            RuntimeMessage::Unreached { .. } => 12,
         }
     }
 
@@ -125,6 +134,10 @@ impl<P: Wire> Wire for RuntimeMessage<P> {
             }
             RuntimeMessage::Consumed { expected } => out.u32(*expected),
             RuntimeMessage::Links(changes) => changes.encode(out),
+            RuntimeMessage::Unreached { peer, incarnation } => {
+                out.u32(peer.0);
+                out.u16(incarnation.0);
+            }
             RuntimeMessage::Here { told, expected } => {
                 out.u32(*told);
                 out.u32(*expected);
@@ -162,6 +175,10 @@ impl<P: Wire> Wire for RuntimeMessage<P> {
             9 => Ok(RuntimeMessage::Silent),
             10 => Ok(RuntimeMessage::End),
             11 => Ok(RuntimeMessage::Links(LinkChanges::decode(from)?)),
+            12 => Ok(RuntimeMessage::Unreached {
+                peer: ModuleId(from.u32()?),
+                incarnation: Incarnation(from.u16()?),
+            }),
             _ => Err(WireError::Kind(kind)),
         }
     }
@@ -203,7 +220,7 @@ mod tests {
         let (port, revision) = (Port(3), Revision(7));
         let late = Late { since: Time(0x0102), by: Span(3) };
         let links = LinkChanges { loss: Ratio::new(1, 20), cut_off: Some((ModuleId(3), ModuleId(0x0107))) };
-        let cases: [(RuntimeMessage<Cell>, u8, &[u8]); 13] = [
+        let cases: [(RuntimeMessage<Cell>, u8, &[u8]); 14] = [
             (RuntimeMessage::Hello { pid: 0x0A0B }, 0, &[0x0B, 0x0A, 0, 0]),
             (RuntimeMessage::Begin { place: Cell::new(1, -1, 2) }, 1, &[0, 1, 0, 0xFF, 0xFF, 2, 0]),
             (
@@ -219,6 +236,11 @@ mod tests {
             (RuntimeMessage::Consumed { expected: 0x0203 }, 7, &[3, 2, 0, 0]),
             (RuntimeMessage::Late(late), 8, &[2, 1, 0, 0, 0, 0, 0, 0, 3, 0, 0, 0, 0, 0, 0, 0]),
             (RuntimeMessage::Silent, 9, &[]),
+            (
+                RuntimeMessage::Unreached { peer: ModuleId(0x0201), incarnation: Incarnation(3) },
+                12,
+                &[1, 2, 0, 0, 3, 0],
+            ),
             (RuntimeMessage::End, 10, &[]),
             (RuntimeMessage::Links(links), 11, &[1, 1, 0, 0, 0, 20, 0, 0, 0, 1, 3, 0, 0, 0, 7, 1, 0, 0]),
         ];

@@ -29,12 +29,14 @@ pub struct Sender {
     sequence: u32,
     /// Since when no link could be opened, for want of memory or descriptors.
     in_vain: Option<u64>,
+    /// Neighbours without an inbox, each once for a contact, that the controller has not heard of.
+    unreached: Vec<AgentKey>,
 }
 
 impl Sender {
     /// Creates a sender whose links are emulated by `emulator`.
     pub fn new(agent: AgentKey, emulator: LinkEmulator) -> Sender {
-        Sender { agent, emulator, burst: Vec::new(), sequence: 0, in_vain: None }
+        Sender { agent, emulator, burst: Vec::new(), sequence: 0, in_vain: None, unreached: Vec::new() }
     }
 
     /// Seals a message and gives it to the emulated link of a port.
@@ -99,6 +101,11 @@ impl Sender {
         self.emulator.next()
     }
 
+    /// Returns the neighbours that were found without an inbox since the last call.
+    pub fn take_unreached(&mut self) -> Vec<AgentKey> {
+        std::mem::take(&mut self.unreached)
+    }
+
     /// True if no frame is gathered.
     pub fn is_empty(&self) -> bool {
         self.burst.is_empty()
@@ -144,6 +151,9 @@ impl Sender {
                 }
                 Err(ConnectError::Unreachable(_)) => {
                     counts.expired += 1;
+                    if !std::mem::replace(&mut port.unreached, true) {
+                        self.unreached.push((port.contact.peer, port.contact.peer_incarnation));
+                    }
                     continue;
                 }
                 Err(e @ ConnectError::NoSlot(_)) => {

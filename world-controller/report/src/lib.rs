@@ -116,7 +116,7 @@ pub struct Facts<'a> {
 /// Creates the report of a run. A run without an outcome was interrupted.
 pub fn report(facts: &Facts<'_>) -> Report {
     let (plan, account) = (facts.plan, &facts.account);
-    let ended = account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome);
+    let ended = ended(account, facts.machine_fault.as_deref());
     let outcome = if facts.broken > 0 { Outcome::Unsafe } else { ended };
     let progress = account.progress;
     let question = account.snapshot.as_deref().filter(|_| facts.search);
@@ -196,6 +196,12 @@ pub fn report(facts: &Facts<'_>) -> Report {
             build: if cfg!(debug_assertions) { "debug" } else { "release" }.to_owned(),
         },
     }
+}
+
+/// Returns how a run has ended. If the machine took away what it needs, only a goal that was built says anything.
+pub fn ended(account: &RunResult, machine_fault: Option<&str>) -> Outcome {
+    let ended = account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome);
+    if machine_fault.is_some() && ended != Outcome::Built { Outcome::Aborted } else { ended }
 }
 
 fn reason(outcome: Outcome, facts: &Facts<'_>, unbuilt: Option<&Standstill>) -> String {

@@ -23,11 +23,10 @@ use metamorph_protocol::record::{Outside, Record, Sink};
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
 use metamorph_report::schema::Report;
-use metamorph_report::{Facts, progress, report};
+use metamorph_report::{Facts, ended, progress, report};
 use metamorph_scenario::Plan;
 use metamorph_scenario::family::Families;
 use metamorph_sim_bridge::director::faults::FaultRecord;
-use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::kernel::recording::{Log, RecordedDirector, RecordedWorld};
@@ -281,7 +280,7 @@ fn conclude<R: Runnable>(
     let account = swarm.account(plan, &brain, &world);
     let (mut notes, mut incomplete) = ([said, notes(outcome)].concat(), None);
     if let Some(keeping) = keeping {
-        let ended = account.ended.map_or(Outcome::Aborted, |(_, outcome)| outcome);
+        let ended = ended(&account, outcome.machine_fault.as_deref());
         let SwarmOutcome { end, tally, accounts, unrecorded, .. } = outcome;
         incomplete = keeping.finish(*end, ended.name(), tally, accounts, *unrecorded);
         notes.extend(incomplete.clone());

@@ -12,6 +12,7 @@ use metamorph_protocol::ids::Incarnation;
 use metamorph_protocol::wire::Channel;
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
+use metamorph_text::format::seconds;
 use rustix::process::Signal;
 use std::time::Duration;
 
@@ -150,6 +151,18 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         for process in &mut self.processes {
             if process.stage != Stage::Absent {
                 let agent = process.key();
+                // An agent that does not even fall silent may have hung long before: then nothing that the swarm did says
+                // anything about its protocol.
+                if matches!(process.stage, Stage::Up | Stage::Running) && !self.outcome.interrupted {
+                    let why = || {
+                        let waited = seconds(self.options.stop_timeout.as_secs_f64());
+                        format!(
+                            "module {} runs, but took no message for {waited}: its process hangs",
+                            process.id
+                        )
+                    };
+                    self.outcome.machine_fault.get_or_insert_with(why);
+                }
                 process.verdict = Some("did not stop in time, and was killed");
                 tracing::error!("module {} did not stop in time and is killed", process.id);
                 self.launcher.signal(agent, Signal::KILL);

@@ -35,6 +35,7 @@ use metamorph_protocol::wire::{CONTROLLER, Channel, Frame, Header};
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
 use rustix::process::Signal;
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// Number of frames taken in one tick before the world and the director have their turn.
@@ -85,6 +86,8 @@ pub struct ControllerLoop<'a, W: World, D, B: Backend> {
     /// True if agents are killed instead of asked to stop.
     hurried: bool,
     reserve: Reserve,
+    /// Agents without an inbox, as neighbours have found, and when that was heard (ns of the monotonic clock).
+    unreached: BTreeMap<AgentKey, u64>,
     /// When shared memory was last checked (ns of the monotonic clock).
     looked: u64,
     retry_at: Option<u64>,
@@ -119,6 +122,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
             finishing: false,
             hurried: false,
             reserve,
+            unreached: BTreeMap::new(),
             looked: begun,
             retry_at: None,
         }
@@ -340,6 +344,11 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
             }
             Ok(RuntimeMessage::Late(late)) => {
                 self.judge(header.source.index(), late);
+                true
+            }
+            Ok(RuntimeMessage::Unreached { peer, incarnation }) => {
+                let now = self.pace.monotonic();
+                self.unreached.entry((peer, incarnation)).or_insert(now);
                 true
             }
             _ => false,

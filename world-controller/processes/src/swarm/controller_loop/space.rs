@@ -4,14 +4,17 @@
 
 use super::ControllerLoop;
 use crate::swarm::launcher::Backend;
+use crate::swarm::process::Stage;
 use metamorph_module_agent::run_dir::run_name::HOME;
-use metamorph_module_agent::transport::SpaceShortage;
+use metamorph_module_agent::transport::{AgentKey, SpaceShortage};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
 
 /// Time between two checks (ns).
 const EVERY: u64 = 500_000_000;
+/// Time in which the end of a process is heard of (ns).
+const GRACE: u64 = 3_000_000_000;
 
 impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
     pub(super) fn look_at_space(&mut self) {
@@ -22,9 +25,29 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         self.looked = now;
         if let Err(shortage) = self.reserve.check() {
             self.run_short(shortage);
-        } else {
-            self.look_for_files();
+        } else if !self.look_for_files() {
+            self.look_for_inboxes(now);
         }
+    }
+
+    /// Ends the run if an agent that runs has no inbox. One that a neighbour finds without may be ending: what its end brings
+    /// with it is heard before [`GRACE`] is over.
+    fn look_for_inboxes(&mut self, now: u64) {
+        let processes = &self.processes;
+        let lives = |(id, incarnation): &AgentKey| {
+            let process = processes.get(id.index()).filter(|process| process.incarnation == *incarnation);
+            process.is_some_and(|p| p.stage == Stage::Running && !p.terminating && p.verdict.is_none())
+        };
+        self.unreached.retain(|agent, _| lives(agent));
+        let Some((id, _)) = self.unreached.iter().find(|(_, since)| now.saturating_sub(**since) > GRACE)
+        else {
+            return;
+        };
+        let why = format!(
+            "the inbox of module {}, which runs, was removed from shared memory; nothing may clean {HOME} during a run",
+            id.0
+        );
+        self.end_early(why);
     }
 
     /// Ends the run if its files in shared memory were removed. Returns true if they were.
