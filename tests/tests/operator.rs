@@ -11,8 +11,11 @@ use metamorph_sim_bridge::director::faults::{Fault, Target, WorldFault};
 use metamorph_sim_bridge::director::steering::Steering;
 use metamorph_sim_bridge::metamodule::faults::{GOAL_DROPPED, GOAL_SET, GOAL_TURNED, TUNED};
 use metamorph_tests::command::{report, root, run, scenario};
+use metamorph_tests::json_schema::Schema;
 use metamorph_tests::metamodules::{Assembled, Assembly, Goal};
+use metamorph_world_controller::family::families;
 use metamorph_world_controller::report::schema::Report;
+use metamorph_world_controller::scenario::schema::schema;
 use std::fs;
 use std::path::Path;
 
@@ -263,6 +266,7 @@ fn commanded_chair(directory: &Path, strategy: &str, commands: &str) -> Report {
          turn_time = \"1s\"\n[[goal]]\nshape = {{ chair = [5, 5] }}\norder = \"circular\"\n\
          [protocol]\nstrategy = \"{strategy}\"\n[[command]]\nat = \"5s\"\ndo = [{commands}]\n"
     );
+    Schema::new(&schema(families())).accepts(&toml::from_str(&text).unwrap(), "a commanded chair");
     let file = directory.join("chair.toml");
     fs::write(&file, text).unwrap();
     let ran = run(&["run", file.to_str().unwrap(), "--link", "sim", "--json", "-", "--quiet"]);

@@ -464,8 +464,9 @@ pub struct ViolationReport {
 pub struct FaultReport {
     /// Time at which it struck.
     pub at_s: f64,
-    /// `kill`, `pause`, `resume`, `restart`, `stick`, `unstick`, `block`, `unblock`; `partition` and its
-    /// end, `heal`; or `external`: a process killed, stopped or continued by something outside the run.
+    /// The name of the fault or command, its first word: `kill`, `pause`, `resume`, `restart`, `stick`, `unstick`, one of the
+    /// family's world such as `block`, `drop` or `goal.move`, `hold` and the like; `partition` and its end, `heal`; or `external`:
+    /// a process killed, stopped or continued by something outside the run.
     pub fault: String,
     /// The module; null if it hit a cell or links.
     pub module: Option<u32>,

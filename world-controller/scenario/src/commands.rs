@@ -121,7 +121,8 @@ pub fn schema() -> Definitions {
         "type": "string",
         "pattern": concat!(
             r"^\s*((kill|pause|resume|restart|stick|unstick|release) \d+|(goto|take|hold|swap) \d+ ?.*",
-            r"|(loss|partition|tune|goal\.set) .+|(block|unblock|goal\.move) \[.*\])\s*$",
+            r"|(loss|partition|tune|goal\.set|goal\.turn|goal\.order) .+|(block|unblock|goal\.move) \[.*\]",
+            r"|goal\.drop|drop \d+)\s*$",
         ),
     });
     vec![(

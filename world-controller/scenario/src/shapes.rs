@@ -1,5 +1,5 @@
-//! Shapes as written in a scenario, with the places of their parts. Shapes from files become cells here (see
-//! `mesh_import`).
+//! Shapes as written in a scenario, with the places of their parts. Shapes from files become cells in
+//! the crate `metamorph-shapes`.
 
 use super::diagnostics::{At, Diagnostics, Place};
 use super::error::{MAX_DEPTH, MAX_LAID_OUT, MAX_MODULES, MAX_VOLUME, ScenarioError};

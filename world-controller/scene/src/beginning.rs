@@ -1,6 +1,6 @@
 //! The beginning of a scene: what is known of a run before it begins.
 //!
-//! The layout is private to the page; [`VERSION`] is for pages left open in a browser.
+//! The layout is private to the page. [`VERSION`] is raised when it changes; the page does not compare it.
 
 use super::bodies::ShownSwarm;
 use super::command_forms::CommandForm;

@@ -28,7 +28,7 @@ const SIGNIFICANCE_LEVEL: f64 = 0.05;
 type Measure = (&'static str, fn(&Row) -> Option<f64>);
 
 /// The measures of built runs.
-const MEASURES: [Measure; 10] = [
+const MEASURES: [Measure; 11] = [
     ("makespan, s", |row| row.makespan_s),
     ("moves", |row| Some(row.moves as f64)),
     ("collisions", |row| Some(row.collisions() as f64)),
@@ -39,6 +39,7 @@ const MEASURES: [Measure; 10] = [
     ("  negotiation", |row| Some(row.sent_negotiation as f64)),
     ("  world", |row| Some(row.sent_world as f64)),
     ("  liveness", |row| Some(row.sent_liveness as f64)),
+    ("  gait", |row| Some(row.sent_gait as f64)),
 ];
 
 /// A measure of both sweeps.

@@ -307,7 +307,7 @@ mod tests {
     fn links_of_every_kind_are_drawn() {
         let kinds = |from: u64| -> BTreeSet<[bool; 3]> {
             let link = |seed| draw(seed, Some(all()[0])).1.link;
-            (from..from + 60)
+            (from..from + 300)
                 .map(link)
                 .map(|link| [link.quantiles.is_some(), link.burst.is_some(), !link.between.is_empty()])
                 .collect()

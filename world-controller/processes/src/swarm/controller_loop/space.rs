@@ -43,6 +43,8 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         else {
             return;
         };
+        // The controller may not reach it any more, either.
+        self.hurried = true;
         let why = format!(
             "the inbox of module {}, which runs, was removed from shared memory; nothing may clean {HOME} during a run",
             id.0
