@@ -86,12 +86,13 @@ class Journal:
         columns: dict[str, list[Any]] = {"module": list(range(len(rows)))}
         for i, name in enumerate(("actions", "failed", "refused", "deaths")):
             columns[name] = [row[0][i] for row in rows]
-        for part, prefix in ((1, "sent"), (2, "received")):
-            for i, name in enumerate(CLASSES):
-                columns[f"{prefix}_{name}"] = [row[part][i] for row in rows]
+        for i, name in enumerate(CLASSES):
+            columns[f"sent_{name}"] = [row[1][i] for row in rows]
+        for i, name in enumerate(CLASSES):
+            columns[f"received_{name}"] = [row[2][i] for row in rows]
         columns["received_bytes"] = [row[3] for row in rows]
         for i, name in enumerate(("latency_p50_s", "latency_p99_s")):
-            columns[name] = [None if row[4][i] is None else row[4][i] / 1e9 for row in rows]
+            columns[name] = [_seconds(row[4][i]) for row in rows]
         return Table(columns)
 
     def positions(self, times_s: Iterable[Duration]) -> NDArray[np.int16]:
@@ -114,6 +115,10 @@ class Journal:
 
     def __repr__(self) -> str:
         return f"<Journal of {self.modules} modules, {self.duration_s:g} s>"
+
+
+def _seconds(ns: Optional[int]) -> Optional[float]:
+    return None if ns is None else ns / 1e9
 
 
 def _ascending(times_s: Iterable[Duration]) -> list[int]:

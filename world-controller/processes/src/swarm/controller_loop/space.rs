@@ -46,7 +46,7 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         // The controller may not reach it any more, either.
         self.hurried = true;
         let why = format!(
-            "the inbox of module {}, which runs, was removed from shared memory; nothing may clean {HOME} during a run",
+            "the inbox of module {}, which runs, was removed from outside; nothing may clean {HOME} during a run",
             id.0
         );
         self.end_early(why);
