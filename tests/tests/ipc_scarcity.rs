@@ -161,10 +161,7 @@ fn removed_inboxes_end_the_run_with_the_reason() {
     }
     assert_eq!(removed, 42);
     let reason = reason_of_machine(&run.end());
-    assert!(
-        reason.contains("the inbox of module") && reason.contains("removed from outside"),
-        "{reason}"
-    );
+    assert!(reason.contains("the inbox of module") && reason.contains("removed from outside"), "{reason}");
 }
 
 /// A limit of file sizes is an error, and does not end the command by a signal.
