@@ -107,6 +107,11 @@ impl LinkEmulator {
         self.transparent = self.model.is_transparent();
     }
 
+    /// Returns true if a module is at home on another host, so that messages to it go through the hosts.
+    pub fn crosses_hosts(&self, to: ModuleId) -> bool {
+        self.model.hosts.as_ref().is_some_and(|hosts| hosts.between(self.from, to).is_some())
+    }
+
     /// Resets a port for a new contact: frames of the old one no longer hold back later ones.
     pub fn reset(&mut self, port: Port) {
         if let Some((_, state)) = self.ports.get_mut(port.index()) {

@@ -368,12 +368,14 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
         heard: Option<(MessageName, Class)>,
         shared: &SharedFrame,
     ) -> Result<(), AgentError> {
+        self.hand_in(input, heard)?;
+        // `last` is the time at which it was handed in.
         if let (Some((_, class)), Some(handed)) = (heard, shared.handed()) {
-            let (now, latencies) = (self.now(), &mut self.write_ahead.counters.latencies);
+            let (now, latencies) = (self.last, &mut self.write_ahead.counters.latencies);
             latencies[class].record(now.since(handed));
             latencies.channel.record(now.since(shared.sent()));
         }
-        self.hand_in(input, heard)
+        Ok(())
     }
 
     fn wake_agent(&mut self) -> Result<(), AgentError> {

@@ -77,7 +77,7 @@ pub enum RuntimeMessage<P> {
     End,
     /// From now on this is changed about its links, and nothing else.
     Links(LinkChanges),
-    /// A neighbour has no inbox: it has ended, or its inbox was removed from outside. Said once for each contact.
+    /// A neighbour at home on the same host has no inbox: it has ended, or its inbox was removed from outside. Said once for each contact.
     Unreached {
         /// The neighbour.
         peer: ModuleId,

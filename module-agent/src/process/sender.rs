@@ -29,7 +29,7 @@ pub struct Sender {
     sequence: u32,
     /// Since when no link could be opened, for want of memory or descriptors.
     in_vain: Option<u64>,
-    /// Neighbours without an inbox, each once for a contact, that the controller has not heard of.
+    /// Neighbours of this host without an inbox, each once for a contact, that the controller has not heard of.
     unreached: Vec<AgentKey>,
 }
 
@@ -151,7 +151,9 @@ impl Sender {
                 }
                 Err(ConnectError::Unreachable(_)) => {
                     counts.expired += 1;
-                    if !std::mem::replace(&mut port.unreached, true) {
+                    // Without a controller there is no way to another host, and a later one opens it again.
+                    let is_beside = !self.emulator.crosses_hosts(port.contact.peer);
+                    if is_beside && !std::mem::replace(&mut port.unreached, true) {
                         self.unreached.push((port.contact.peer, port.contact.peer_incarnation));
                     }
                     continue;

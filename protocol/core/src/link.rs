@@ -124,10 +124,7 @@ impl LinkModel {
     /// Returns the longest delay of a message that no later one overtakes, within a burst too.
     pub fn longest_delay(&self) -> Span {
         let within = self.burst.as_ref().and_then(|burst| burst.delay).map_or(Span::ZERO, |delay| delay.1);
-        self.between
-            .iter()
-            .map(|between| between.link.longest_delay())
-            .fold(self.delay_max.max(within), Span::max)
+        self.delay_max.max(within)
     }
 
     /// Draws the fate of a message sent at `now`, and advances the state of this direction of the link.

@@ -7,7 +7,9 @@ use metamorph_console::terminal::{print_error, print_out};
 use metamorph_processes::family::{self, Recorded, families, recorded};
 use metamorph_processes::record::journal::JournalFailure;
 use metamorph_processes::record::journal::ReadError;
+use metamorph_scenario::Plan;
 use metamorph_scene::figure::snapshot::Playback;
+use metamorph_scene::scene::Scene;
 use metamorph_text::command_error::Failure;
 use metamorph_text::command_error::{BAD_USAGE, CommandError};
 use metamorph_text::escape::Shown;
@@ -72,6 +74,14 @@ pub enum Format {
     Sdf,
 }
 
+/// Reads the plan and the scene of a journal, and prints what is to be noted about it.
+fn whole(journal: &Path) -> Result<(Plan, Scene), StructureError> {
+    let Recorded { plan, scene, damage } = recorded(journal)?;
+    damage.map_or(Ok(()), |damage| Err(JournalFailure::from(damage)))?;
+    scene.troubles().iter().for_each(|trouble| print_error(&format!("note: {trouble}")));
+    Ok((plan, scene))
+}
+
 /// Writes the structure to a file, and returns what was written.
 ///
 /// # Errors
@@ -79,12 +89,8 @@ pub enum Format {
 pub fn export_structure(args: &ExportArgs, file: &Path, format: Format) -> Result<String, StructureError> {
     let option = if format == Format::Urdf { "--urdf" } else { "--sdf" };
     let output = Outputs::new().creates(option, file)?;
-    let Recorded { plan, scene, damage } = recorded(&args.journal)?;
+    let (plan, scene) = whole(&args.journal)?;
     let swarm = family::of(&plan).shown(&plan);
-    if let Some(damage) = damage {
-        return Err(JournalFailure::from(damage).into());
-    }
-    scene.troubles().iter().for_each(|trouble| print_error(&format!("note: {trouble}")));
     let at = args.structure.at.within(scene.now());
     let at = at.ok_or_else(|| StructureError::Late(seconds(scene.now().as_secs_f64())))?;
     let snapshot = Playback::new(&scene, &*swarm).advance(at);
@@ -119,11 +125,7 @@ pub fn export_structure(args: &ExportArgs, file: &Path, format: Format) -> Resul
 /// # Errors
 /// If the journal cannot be read or is damaged, or a file cannot be written.
 pub fn write_tables(journal: &Path, tables: &Tables) -> Result<(), Failure> {
-    let Recorded { scene, damage, .. } = recorded(journal).map_err(StructureError::Read)?;
-    if let Some(damage) = damage {
-        return Err(StructureError::Journal(JournalFailure::from(damage)).into());
-    }
-    scene.troubles().iter().for_each(|trouble| print_error(&format!("note: {trouble}")));
+    let (_, scene) = whole(journal)?;
     Ok(tables.write(journal, &scene)?)
 }
 
@@ -151,17 +153,16 @@ Exit codes:
   9  the journal is damaged; no recording is left behind";
 
 fn execute(args: &ExportArgs, interrupt: &Interrupt) -> Result<u8, Failure> {
-    if let Some(directory) = &args.csv {
-        write_tables(&args.journal, &Tables::new(directory, &mut Outputs::new())?)?;
-        print_out(&format!("{}: modules.csv, time.csv and latency.csv\n", directory.shown()));
-        return Ok(0);
-    }
-    let said = match (&args.mcap, &args.urdf, &args.sdf, &args.commands) {
+    let said = match (&args.mcap, &args.urdf, &args.sdf, &args.commands, &args.csv) {
         (Some(file), ..) => export(args, file, families(), |plan| family::of(plan).shown(plan), interrupt)?,
         (None, Some(file), ..) => export_structure(args, file, Format::Urdf)?,
-        (None, None, Some(file), _) => export_structure(args, file, Format::Sdf)?,
-        (None, None, None, Some(file)) => export_commands(&args.journal, file, families())?,
-        (None, None, None, None) => unreachable!("invariant: clap asks for one of them"),
+        (None, None, Some(file), ..) => export_structure(args, file, Format::Sdf)?,
+        (None, None, None, Some(file), _) => export_commands(&args.journal, file, families())?,
+        (None, None, None, None, Some(directory)) => {
+            write_tables(&args.journal, &Tables::new(directory, &mut Outputs::new())?)?;
+            format!("{}: modules.csv, time.csv and latency.csv\n", directory.shown())
+        }
+        (None, None, None, None, None) => unreachable!("invariant: clap asks for one of them"),
     };
     print_out(&said);
     Ok(0)

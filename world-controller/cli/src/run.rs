@@ -93,10 +93,11 @@ fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Fai
     outputs.reads("the scenario", Path::new(&plan.origin));
     plan.files.iter().for_each(|file| outputs.reads("a file that the scenario names,", file));
     let tables = args.csv.as_deref().map(|directory| Tables::new(directory, &mut outputs)).transpose()?;
-    let journal = args.journal.or_else(|| Some(args.csv.as_ref()?.join("run.journal")));
+    let option = if args.journal.is_some() { "--journal" } else { "--csv" };
+    let journal = args.journal.or_else(|| Some(args.csv?.join("run.journal")));
     if let Some(file) = &journal {
         // The journal is written during the run; only its permission is checked here.
-        outputs.writes(if args.csv.is_some() { "--csv" } else { "--journal" }, file)?;
+        outputs.writes(option, file)?;
     }
     let asked = Asked {
         json: args.json,

@@ -6,7 +6,7 @@ use metamorph_core::time::Time;
 use metamorph_kernel::director::progress::Progress;
 use metamorph_scenario::Plan;
 use metamorph_text::escape::Shown;
-use metamorph_text::format::{bytes, count, latency as as_latency, many, seconds, whole_percent};
+use metamorph_text::format::{bytes, count, duration, many, seconds, whole_percent};
 use metamorph_text::paint::Paint;
 use metamorph_text::progress::Status;
 use std::fmt::Write;
@@ -236,7 +236,7 @@ fn write_messages(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Resul
     )?;
     // A link that takes no time has nothing to say.
     if let Some(latency) = r.messages.latency.as_ref().map(|l| l.all).filter(|all| all.greatest_s > 0.0) {
-        let [half, most, all] = [latency.p50_s, latency.p99_s, latency.greatest_s].map(as_latency);
+        let [half, most, all] = [latency.p50_s, latency.p99_s, latency.greatest_s].map(duration);
         writeln!(out, "  latency: half within {half}, 99% within {most}, all within {all}")?;
     }
     r.hosts.as_ref().map_or(Ok(()), |hosts| hosts.write(out, r.messages.total))

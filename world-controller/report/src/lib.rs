@@ -153,10 +153,7 @@ pub fn report(facts: &Facts<'_>) -> Report {
         move_details: account.bodies.clone(),
         family_parts: part.map(|part| (part.key.to_owned(), part.value.clone())).into_iter().collect(),
         family_text: part.map(|part| part.text.clone()).unwrap_or_default(),
-        messages: Messages {
-            latency: latency::report(facts.latencies),
-            ..messages(facts.tally, facts.left.as_ref())
-        },
+        messages: messages(facts.tally, facts.left.as_ref(), facts.latencies),
         body_messages: facts.body_messages,
         controller: facts.control.map(|ControlCounts { orders, reports, bytes, lost }| {
             schema::ControllerReport { orders, reports, bytes, lost }
@@ -260,7 +257,7 @@ fn standstill(stall: &Stall, prospect: &Prospect) -> Standstill {
     }
 }
 
-fn messages(tally: &Tally, left: Option<&[u64; Class::ALL.len()]>) -> Messages {
+fn messages(tally: &Tally, left: Option<&[u64; Class::ALL.len()]>, latencies: &Latencies) -> Messages {
     let counts = |c: &Counts, left: Option<u64>| ClassCounts {
         sent: c.sent,
         delivered: c.delivered,
@@ -282,7 +279,7 @@ fn messages(tally: &Tally, left: Option<&[u64; Class::ALL.len()]>) -> Messages {
         bytes: total.bytes,
         all: counts(&total, left.map(|left| left.iter().sum())),
         by_class: tally.iter().map(by_class).collect(),
-        latency: None,
+        latency: latency::report(latencies),
     }
 }
 

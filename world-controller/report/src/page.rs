@@ -12,7 +12,7 @@ use maud::{Markup, html};
 use metamorph_core::counters::Class;
 use metamorph_core::time::Span;
 use metamorph_scenario::Plan;
-use metamorph_text::format::{bytes, count, latency as as_latency, many, seconds, whole_percent};
+use metamorph_text::format::{bytes, count, duration, many, seconds, whole_percent};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Largest number of rows of a list that are shown; JSON has them all.
@@ -242,7 +242,7 @@ fn latencies(latency: &LatencyReport) -> Markup {
             tbody { @for (name, q) in rows { tr {
                 th.key scope="row" { (name) }
                 td { (count(q.count)) }
-                @for s in [q.least_s, q.p50_s, q.p90_s, q.p99_s, q.p999_s, q.greatest_s] { td { (as_latency(s)) } }
+                @for s in [q.least_s, q.p50_s, q.p90_s, q.p99_s, q.p999_s, q.greatest_s] { td { (duration(s)) } }
             } } }
         } }
     }

@@ -287,12 +287,7 @@ impl RawHosts {
             }
         }
         let clocks = self.clocks(hosts, diagnostics)?;
-        let between = self.link.over(&LinkModel {
-            partitions: Vec::new(),
-            hosts: None,
-            between: Vec::new(),
-            ..within.clone()
-        });
+        let between = self.link.over(&LinkModel { partitions: Vec::new(), hosts: None, ..within.clone() });
         let mut links: Vec<LinkModel> = Hosts::pairs(hosts).map(|_| between.clone()).collect();
         for (pair, raw) in &self.pairs {
             let (a, b) = pair_of(pair, hosts, diagnostics)?;

@@ -106,7 +106,8 @@ fn read_ends(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<[RawEnd; 
 }
 
 impl RawBetween {
-    /// Returns the link of a swarm with so many modules. Rates that are not written are those of `link`.
+    /// Returns the link of a swarm with so many modules. Rates that are not written are those of `link`, which has no partitions,
+    /// hosts or links of their own yet.
     pub fn compile(&self, link: &LinkModel, modules: usize, diagnostics: &mut Diagnostics) -> Between {
         let mut end = |raw: &RawEnd| {
             let mut ids: Vec<ModuleId> = Vec::new();
@@ -128,19 +129,13 @@ impl RawBetween {
             one_way: self.one_way,
             from: self.from,
             until: self.until,
-            link: self.rates.over(&LinkModel {
-                partitions: Vec::new(),
-                hosts: None,
-                between: Vec::new(),
-                controller: None,
-                ..link.clone()
-            }),
+            link: self.rates.over(link),
         }
     }
 
-    /// Returns true if it ends.
-    pub fn ends(&self) -> bool {
-        self.until != Time::NEVER
+    /// Returns true if it never ceases to hold.
+    pub fn lasts(&self) -> bool {
+        self.until == Time::NEVER
     }
 }
 

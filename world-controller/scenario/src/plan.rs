@@ -42,7 +42,7 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
     let (mut link, usual_delay) = link(raw, overrides.link, time_step, diagnostics);
     let Delay(_, usual) = default_delay(LinkKind::Sim, time_step);
     let within = raw.hosts.as_ref().map_or_else(|| link.clone(), |hosts| hosts.worst(&link));
-    let lasting = raw.between.iter().filter(|between| !between.ends());
+    let lasting = raw.between.iter().filter(|between| between.lasts());
     let worst = worst(&within, lasting.map(|between| between.rates.over(&link)));
     let passage = Passage::of(&worst, usual_delay, usual);
     let speed = raw.time_scale.as_ref().map_or(TIME_SCALE, |scale| scale.value);
@@ -63,9 +63,9 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
         for HostCut { hosts: (a, b), from, until } in compiled.cuts {
             hosts.iter_mut().for_each(|hosts| hosts.cut(a, b, from, until));
         }
-        (faults, link.partitions) = (compiled.planned, compiled.partitions);
         let own = raw.between.iter().map(|between| between.compile(&link, draft.modules, diagnostics));
         link.between = own.collect();
+        (faults, link.partitions) = (compiled.planned, compiled.partitions);
         link.hosts = hosts.map(Arc::new);
         let between =
             link.hosts.iter().flat_map(|hosts| hosts.links()).flat_map(|(_, link)| &link.partitions);

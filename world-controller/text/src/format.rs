@@ -53,8 +53,8 @@ pub fn seconds(s: f64) -> String {
     }
 }
 
-/// Formats a latency in µs, ms or s, with three digits.
-pub fn latency(s: f64) -> String {
+/// Formats a short time, given in seconds, in µs, ms or s with three digits.
+pub fn duration(s: f64) -> String {
     let in_unit = |n: f64, unit: &str| match n {
         99.95.. => format!("{n:.0} {unit}"),
         9.995.. => format!("{n:.1} {unit}"),
@@ -127,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn latencies_have_three_digits() {
+    fn durations_have_three_digits() {
         for (s, text) in [
             (0.0, "0 s"),
             (8.512e-7, "0.85 µs"),
@@ -136,7 +136,7 @@ mod tests {
             (0.012_34, "12.3 ms"),
             (62.0, "62.0 s"),
         ] {
-            assert_eq!(latency(s), text);
+            assert_eq!(duration(s), text);
         }
     }
 

@@ -80,8 +80,8 @@ class Journal:
         return Table(columns)
 
     def per_module(self) -> Table:
-        """Figures of each module: actions (moves of cubes, turns of joints) begun, failed and refused, deaths of its process, messages sent and received by
-        class, bytes received, and the latency that half and 99 % of the messages it received do not exceed, in seconds."""
+        """Figures of each module: actions (moves of cubes, turns of joints) begun, failed and refused, deaths of its process,
+        messages sent and received by class, bytes received, and the latency that half and 99 % of the messages it received do not exceed, in seconds."""
         rows = self._journal.per_module()
         columns: dict[str, list[Any]] = {"module": list(range(len(rows)))}
         for i, name in enumerate(("actions", "failed", "refused", "deaths")):

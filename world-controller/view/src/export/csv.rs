@@ -70,21 +70,24 @@ impl Figures {
             // Agents of a run of processes may be slightly ahead of the controller's records.
             let bin = (record.at.0 / width.0.max(1)) as usize;
             let bin = bin.min(figures.sent.len().saturating_sub(1));
-            for sent in &step.sent {
-                figures.module(id).sent[sent.class.index()] += 1;
-                if let Some(counts) = figures.sent.get_mut(bin) {
-                    counts[sent.class.index()] += 1;
-                }
+            let counts =
+                [figures.modules.get_mut(id.index()).map(|m| &mut m.sent), figures.sent.get_mut(bin)];
+            for counts in counts.into_iter().flatten() {
+                step.sent.iter().for_each(|sent| counts[sent.class.index()] += 1);
             }
             figures.hear(id, record.at, &step, &sent_at);
         }
         for (_, event) in scene.events() {
+            let (Event::Does(id, ..) | Event::Failed(id) | Event::Refused(id) | Event::Died(id)) = event
+            else {
+                continue;
+            };
+            let Some(module) = figures.modules.get_mut(id.index()) else { continue };
             match event {
-                Event::Does(id, ..) => figures.module(*id).actions += 1,
-                Event::Failed(id) => figures.module(*id).failed += 1,
-                Event::Refused(id) => figures.module(*id).refused += 1,
-                Event::Died(id) => figures.module(*id).deaths += 1,
-                _ => {}
+                Event::Does(..) => module.actions += 1,
+                Event::Failed(_) => module.failed += 1,
+                Event::Refused(_) => module.refused += 1,
+                _ => module.deaths += 1,
             }
         }
         Ok(figures)
@@ -103,17 +106,10 @@ impl Figures {
         if let Some(latency) = latency {
             self.latencies[*class].record(latency);
         }
-        let module = self.module(id);
+        let Some(module) = self.modules.get_mut(id.index()) else { return };
         module.received[class.index()] += 1;
         module.received_bytes += (HEADER + message.bytes.len()) as u64;
         latency.into_iter().for_each(|latency| module.latency.record(latency));
-    }
-
-    fn module(&mut self, id: ModuleId) -> &mut ModuleFigures {
-        if self.modules.len() <= id.index() {
-            self.modules.resize_with(id.index() + 1, ModuleFigures::default);
-        }
-        &mut self.modules[id.index()]
     }
 }
 
