@@ -210,7 +210,12 @@ fn an_agent_that_dies_of_sigbus_ends_the_run_with_the_reason() {
     assert!(reason.contains("module 20 died of SIGBUS: shared memory"), "{reason}");
 }
 
-/// An agent that may map no more memory, or open no more files, cannot reach new neighbours. It does not stay silent: it ends, and
+/// Size of a page, in bytes.
+const PAGE: u64 = 4096;
+/// Memory that an agent may still map, in bytes: less than the frames of one inbox take.
+const ROOM: u64 = 16 * PAGE;
+
+/// An agent that may map no more memory, or open no more files, cannot reach new neighbours, nor be reached. It does not stay silent: it ends, and
 /// the run with it. The same holds for the controller.
 #[test]
 fn processes_that_reach_nobody_any_more_end_the_run_with_the_reason() {
@@ -219,15 +224,23 @@ fn processes_that_reach_nobody_any_more_end_the_run_with_the_reason() {
         let run = Run::start(&dir.path().join(what), &["--time-scale", "1"]);
         agent_of_begun(&run, 0);
         let root = root_of(run.pid()).expect("it has begun");
-        let least = Rlimit { current: Some(0), maximum: Some(0) };
         for module in 0..42 {
-            if let Some(pid) = agent_of(&root, module, 0).and_then(|agent| Pid::from_raw(agent.pid)) {
-                // One may have died meanwhile.
-                let _ = prlimit(Some(pid), resource, least);
-            }
+            // One may have died meanwhile.
+            let Some(agent) = agent_of(&root, module, 0) else { continue };
+            let statm = std::fs::read_to_string(format!("/proc/{}/statm", agent.pid)).unwrap_or_default();
+            let pages =
+                statm.split(' ').next().and_then(|pages| pages.parse::<u64>().ok()).unwrap_or_default();
+            // A stack that cannot grow by a page would end it at once, by SIGSEGV.
+            let least = if resource == Resource::As { pages * PAGE + ROOM } else { 0 };
+            let least = Rlimit { current: Some(least), maximum: Some(least) };
+            let _ = prlimit(Pid::from_raw(agent.pid), resource, least);
         }
         let reason = reason_of_machine(&run.end());
-        assert!(reason.contains("cannot reach module") && reason.contains("ulimit"), "{what}: {reason}");
+        // Whichever is first: a sending end that it opens, the receiving end of one that another has opened, or its heap.
+        let ends =
+            ["cannot reach module", "cannot receive from a sender", "aborted, because it may map no more"];
+        let reached = ends.iter().any(|why| reason.contains(why));
+        assert!(reached && reason.contains("ulimit"), "{what}: {reason}");
     }
 }
 

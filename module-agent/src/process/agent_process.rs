@@ -172,6 +172,7 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
         self.sender.release(now);
         self.send_burst(now)?;
         let monotonic = self.clock.monotonic();
+        self.sender.retry(monotonic, &mut self.contacts, &mut self.transport)?;
         while let Some(class) = self.contacts.expire(monotonic) {
             self.write_ahead.counters.tally[class].expired += 1;
         }

@@ -8,7 +8,7 @@ use crate::run_dir::counter_file::AgentCounters;
 use crate::transport::shared_frame::SharedFrame;
 use crate::transport::{Address, AgentKey, ConnectError, Link, SendStatus, Transport};
 use metamorph_protocol::counters::{Class, Tally};
-use metamorph_protocol::ids::{Port, PortSet};
+use metamorph_protocol::ids::{Port, PortSet, Session};
 use metamorph_protocol::link::LinkChanges;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{Channel, Frame, Header, Wire};
@@ -27,8 +27,8 @@ pub struct Sender {
     emulator: LinkEmulator,
     burst: Vec<DelayedFrame>,
     sequence: u32,
-    /// Since when no link could be opened, for want of memory or descriptors.
-    in_vain: Option<u64>,
+    /// Since when no link could be opened, for want of memory or descriptors, and the last contact it was tried for.
+    in_vain: Option<(u64, Port, Session)>,
     /// Neighbours of this host without an inbox, each once for a contact, that the controller has not heard of.
     unreached: Vec<AgentKey>,
 }
@@ -166,7 +166,8 @@ impl Sender {
                 Err(cause) => {
                     tracing::debug!("cannot reach module {}: {cause}", frame.peer);
                     counts.overflowed += 1;
-                    let since = *self.in_vain.get_or_insert(monotonic);
+                    let since = self.in_vain.map_or(monotonic, |(since, ..)| since);
+                    self.in_vain = Some((since, frame.port, frame.session));
                     if monotonic.saturating_sub(since) > IN_VAIN {
                         return Err(AgentError::Silenced { peer: frame.peer, cause });
                     }
@@ -192,6 +193,31 @@ impl Sender {
             }
         }
         Ok(())
+    }
+
+    /// Tries again to open a link that could not be opened for [`IN_VAIN`]. An agent that has nothing more to send would
+    /// otherwise stay cut off, and its swarm stand still without a fault of the protocol. `monotonic` is real time.
+    ///
+    /// # Errors
+    /// If the link cannot be opened now, either.
+    pub fn retry<T: Transport>(
+        &mut self,
+        monotonic: u64,
+        contacts: &mut Contacts<T::Link>,
+        transport: &mut T,
+    ) -> Result<(), AgentError> {
+        let Some((_, port, session)) =
+            self.in_vain.take_if(|(since, ..)| monotonic.saturating_sub(*since) > IN_VAIN)
+        else {
+            return Ok(());
+        };
+        let Some(port) = contacts.get_mut(port).filter(|port| port.contact.session == session) else {
+            return Ok(());
+        };
+        match open(port, transport) {
+            Ok(_) | Err(ConnectError::Unreachable(_) | ConnectError::NoSlot(_)) => Ok(()),
+            Err(cause) => Err(AgentError::Silenced { peer: port.contact.peer, cause }),
+        }
     }
 }
 

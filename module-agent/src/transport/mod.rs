@@ -126,6 +126,11 @@ pub enum TransportError {
     /// Frames cannot be read.
     #[error("cannot read the inbox: {0}; was the run's directory removed?")]
     Receive(String),
+    /// This process lacks memory or descriptors.
+    #[error(
+        "cannot receive from a sender: {0}; this process may lack memory (ulimit -v) or file descriptors (ulimit -n)"
+    )]
+    Lack(String),
     /// Waiting is not possible.
     #[error("cannot wait for messages: {0}")]
     Wait(String),

@@ -5,9 +5,26 @@ use crate::transport::iceoryx::rendezvous::{
     self, ChannelError, Frames, Listener, Rendezvous, Subscriber, Wakes,
 };
 use crate::transport::shared_frame::SharedFrame;
+use iceoryx2::port::ReceiveError;
 use iceoryx2::port::listener::ListenerWaitError;
+use iceoryx2::port::update_connections::ConnectionFailure;
+use iceoryx2_cal::shared_memory::SharedMemoryOpenError;
+use iceoryx2_cal::zero_copy_connection::ZeroCopyCreationError;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use std::time::Duration;
+
+/// Returns true if a sender could not be connected because the operating system has refused a file or a mapping, and not
+/// because of the state in which the sender has left them.
+fn is_lack(e: &ReceiveError) -> bool {
+    use ConnectionFailure::{FailedToEstablishConnection, UnableToMapSendersDataSegment};
+    matches!(
+        e,
+        ReceiveError::ConnectionFailure(
+            FailedToEstablishConnection(ZeroCopyCreationError::InternalError)
+                | UnableToMapSendersDataSegment(SharedMemoryOpenError::InternalError)
+        )
+    )
+}
 
 /// The inbox of one process.
 #[derive(Debug)]
@@ -67,16 +84,18 @@ impl Inbox {
     pub fn receive(&mut self) -> Result<Option<SharedFrame>, TransportError> {
         for _ in 0..self.subscribers.len() {
             let subscriber = &self.subscribers[self.next];
-            // A sender that was killed while it attached cannot be connected to. That is reported once; the
-            // others have been connected by then.
             let sample = subscriber.receive().or_else(|e| {
+                // It is reported once, and the frames of this sender are never received.
+                if is_lack(&e) {
+                    return Err(TransportError::Lack(format!("{e:?}")));
+                }
+                // A sender that was killed while it attached cannot be connected to. The others have been connected by then.
                 tracing::debug!("a sender could not be connected: {e:?}");
-                subscriber.receive()
-            });
+                subscriber.receive().map_err(|e| TransportError::Receive(format!("{e:?}")))
+            })?;
             match sample {
-                Ok(Some(sample)) => return Ok(Some(*sample.payload())),
-                Ok(None) => self.next = (self.next + 1) % self.subscribers.len(),
-                Err(e) => return Err(TransportError::Receive(format!("{e:?}"))),
+                Some(sample) => return Ok(Some(*sample.payload())),
+                None => self.next = (self.next + 1) % self.subscribers.len(),
             }
         }
         Ok(None)

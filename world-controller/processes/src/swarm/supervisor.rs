@@ -23,7 +23,7 @@ use metamorph_module_agent::transport::iceoryx::space;
 use rustix::process::{
     Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, kill_process, pidfd_open, pidfd_send_signal, waitid,
 };
-use signal_hook::consts::{SIGBUS, SIGILL, SIGKILL, SIGSEGV, SIGXFSZ};
+use signal_hook::consts::{SIGABRT, SIGBUS, SIGILL, SIGKILL, SIGSEGV, SIGXFSZ};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
 use std::fs::File;
@@ -71,6 +71,8 @@ const TASKS: usize = 1_024;
 const SIGNALS: usize = 16;
 /// Largest number of bytes from the end of an agent's standard error that are reported.
 const TAIL: u64 = 2_048;
+/// How the standard library begins to report that an allocation has failed, before it aborts.
+const REFUSED: &str = "memory allocation of ";
 
 /// The handle on the supervisor.
 #[derive(Debug)]
@@ -402,8 +404,16 @@ async fn attend_adopted(
 fn exited(launch: &Launch, agent: AgentKey, status: io::Result<ExitStatus>) -> Event {
     let signal = status.as_ref().ok().and_then(ExitStatusExt::signal);
     let code = status.as_ref().ok().and_then(ExitStatus::code);
-    let of_machine =
-        code == Some(i32::from(EXIT_OF_MACHINE)) || signal.is_some_and(|s| is_of_machine(launch, s));
+    let mut stderr_tail = if launch.verbose { String::new() } else { tail(&log_path(launch, agent)) };
+    // A backtrace may follow; with `verbose` it is not known why it aborted, and an abort may be a defect of the agent.
+    let refused = stderr_tail.lines().find(|line| line.starts_with(REFUSED)).map(str::to_owned);
+    let refused = refused.filter(|_| signal == Some(SIGABRT));
+    if let Some(line) = &refused {
+        stderr_tail.clone_from(line);
+    }
+    let of_machine = refused.is_some()
+        || code == Some(i32::from(EXIT_OF_MACHINE))
+        || signal.is_some_and(|s| is_of_machine(launch, s));
     let how = match status {
         Err(e) => format!("could not be waited for: {e}"),
         Ok(_) => match (code, signal) {
@@ -413,6 +423,9 @@ fn exited(launch: &Launch, agent: AgentKey, status: io::Result<ExitStatus>) -> E
                 format!("exited with code {code}, while shared memory ({HOME}) is full,")
             }
             (Some(code), _) => format!("exited with code {code}"),
+            (None, Some(_)) if refused.is_some() => {
+                "aborted, because it may map no more memory (ulimit -v),".to_owned()
+            }
             (None, Some(SIGKILL)) if of_machine => {
                 "was killed by the kernel, because memory has run out,".to_owned()
             }
@@ -420,7 +433,6 @@ fn exited(launch: &Launch, agent: AgentKey, status: io::Result<ExitStatus>) -> E
             (None, None) => "ended".to_owned(),
         },
     };
-    let stderr_tail = if launch.verbose { String::new() } else { tail(&log_path(launch, agent)) };
     Event::Exited { agent, how, signal, of_machine, stderr_tail }
 }
 
