@@ -17,6 +17,7 @@
 
 use super::controller::Controller;
 use metamorph_protocol::agent::{Agent, Birth, Input, InputOf, Output};
+use metamorph_protocol::digest::Portable;
 use metamorph_protocol::host::AgentHost;
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision, Session};
 use metamorph_protocol::runtime::{Contact, Sensed};
@@ -149,12 +150,15 @@ impl<A: Agent> Clone for Process<A> {
 impl<A: Agent + Hash> Process<A> {
     fn seal(&mut self) {
         let mut hasher = DefaultHasher::new();
+        // One long write takes a tenth of the time of many short ones.
+        let mut gathered = Portable::new(&mut hasher);
         if self.alive {
             // The whole state: fields that a digest leaves out decide when events happen.
-            self.agent.agent().hash(&mut hasher);
+            self.agent.agent().hash(&mut gathered);
         }
-        (self.alive, self.incarnation, &self.contacts, self.revision, self.paused).hash(&mut hasher);
-        format!("{:?}", self.waiting).hash(&mut hasher);
+        (self.alive, self.incarnation, &self.contacts, self.revision, self.paused).hash(&mut gathered);
+        format!("{:?}", self.waiting).hash(&mut gathered);
+        drop(gathered);
         self.digest = hasher.finish();
     }
 }
