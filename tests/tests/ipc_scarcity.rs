@@ -212,11 +212,11 @@ fn an_agent_that_dies_of_sigbus_ends_the_run_with_the_reason() {
 
 /// Size of a page, in bytes.
 const PAGE: u64 = 4096;
-/// Memory that an agent may still map, in bytes: less than the frames of one inbox take.
+/// Memory that an agent may still map, in bytes, so that its stack can grow.
 const ROOM: u64 = 16 * PAGE;
 
-/// An agent that may map no more memory, or open no more files, cannot reach new neighbours, nor be reached. It does not stay silent: it ends, and
-/// the run with it. The same holds for the controller.
+/// An agent that may map no more memory, or open no more files, cannot reach new neighbours, nor be reached. It does not stay
+/// silent: it ends, and the run with it. The same holds for the controller.
 #[test]
 fn processes_that_reach_nobody_any_more_end_the_run_with_the_reason() {
     let dir = tempfile::tempdir().expect("a directory");
@@ -230,7 +230,7 @@ fn processes_that_reach_nobody_any_more_end_the_run_with_the_reason() {
             let statm = std::fs::read_to_string(format!("/proc/{}/statm", agent.pid)).unwrap_or_default();
             let pages =
                 statm.split(' ').next().and_then(|pages| pages.parse::<u64>().ok()).unwrap_or_default();
-            // A stack that cannot grow by a page would end it at once, by SIGSEGV.
+            // SIGSEGV would end one whose stack cannot grow by a page.
             let least = if resource == Resource::As { pages * PAGE + ROOM } else { 0 };
             let least = Rlimit { current: Some(least), maximum: Some(least) };
             let _ = prlimit(Pid::from_raw(agent.pid), resource, least);

@@ -437,7 +437,8 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
         }
         self.write_ahead.commit()?;
         let (now, tally) = ((now, self.clock.monotonic()), &mut self.write_ahead.counters.tally);
-        self.sender.flush(now, &mut self.contacts, &mut self.transport, tally)
+        self.sender.flush(now, &mut self.contacts, &mut self.transport, tally);
+        Ok(())
     }
 }
 

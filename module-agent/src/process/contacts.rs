@@ -30,6 +30,8 @@ pub struct PortContact<L> {
     pub sent: [u64; Class::ALL.len()],
     /// True if it was found that the peer has no inbox.
     pub unreached: bool,
+    /// True if the link could not be opened when it was last tried, for want of memory or descriptors.
+    pub refused: bool,
 }
 
 /// The contact that a frame from a peer belongs to.
@@ -106,6 +108,11 @@ impl<L> Contacts<L> {
         self.ports.get_mut(port.index())?.as_mut()
     }
 
+    /// Returns the current contacts, with the links to the peers.
+    pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut PortContact<L>> {
+        self.ports.iter_mut().flatten()
+    }
+
     /// Changes the contact on an existing port, as of `revision`. Returns the frames that waited for the new
     /// contact, in the order in which they came.
     pub fn change(
@@ -130,8 +137,13 @@ impl<L> Contacts<L> {
             }
         }
         let Some(contact) = contact else { return Vec::new() };
-        self.ports[port.index()] =
-            Some(PortContact { contact, link: None, sent: [0; Class::ALL.len()], unreached: false });
+        self.ports[port.index()] = Some(PortContact {
+            contact,
+            link: None,
+            sent: [0; Class::ALL.len()],
+            unreached: false,
+            refused: false,
+        });
         let (now, later): (VecDeque<_>, VecDeque<_>) = std::mem::take(&mut self.early)
             .into_iter()
             .partition(|(_, header, _)| header.session == contact.session.0);

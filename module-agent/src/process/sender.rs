@@ -8,7 +8,7 @@ use crate::run_dir::counter_file::AgentCounters;
 use crate::transport::shared_frame::SharedFrame;
 use crate::transport::{Address, AgentKey, ConnectError, Link, SendStatus, Transport};
 use metamorph_protocol::counters::{Class, Tally};
-use metamorph_protocol::ids::{Port, PortSet, Session};
+use metamorph_protocol::ids::{Port, PortSet};
 use metamorph_protocol::link::LinkChanges;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{Channel, Frame, Header, Wire};
@@ -27,8 +27,8 @@ pub struct Sender {
     emulator: LinkEmulator,
     burst: Vec<DelayedFrame>,
     sequence: u32,
-    /// Since when no link could be opened, for want of memory or descriptors, and the last contact it was tried for.
-    in_vain: Option<(u64, Port, Session)>,
+    /// Since when links could not be opened, for want of memory or descriptors; `None` if all could.
+    in_vain: Option<u64>,
     /// Neighbours of this host without an inbox, each once for a contact, that the controller has not heard of.
     unreached: Vec<AgentKey>,
 }
@@ -125,16 +125,13 @@ impl Sender {
 
     /// Sends the gathered frames, which the caller has already written to its counters as sent. Counts those
     /// that cannot be sent as overflowed or expired. `monotonic` is real time.
-    ///
-    /// # Errors
-    /// If no link can be opened, for [`IN_VAIN`].
     pub fn flush<T: Transport>(
         &mut self,
         (now, monotonic): (Time, u64),
         contacts: &mut Contacts<T::Link>,
         transport: &mut T,
         tally: &mut Tally,
-    ) -> Result<(), AgentError> {
+    ) {
         let mut touched = PortSet::default();
         for frame in self.burst.drain(..) {
             let counts = &mut tally[frame.class];
@@ -144,9 +141,11 @@ impl Sender {
                 continue;
             };
             let is_new = port.link.is_none();
+            port.refused = false;
             let link = match open(port, transport) {
                 Ok(link) => {
-                    self.in_vain = self.in_vain.filter(|_| !is_new);
+                    // Others may still be refused: they have as long again.
+                    self.in_vain = self.in_vain.map(|since| if is_new { monotonic } else { since });
                     link
                 }
                 Err(ConnectError::Unreachable(_)) => {
@@ -166,11 +165,8 @@ impl Sender {
                 Err(cause) => {
                     tracing::debug!("cannot reach module {}: {cause}", frame.peer);
                     counts.overflowed += 1;
-                    let since = self.in_vain.map_or(monotonic, |(since, ..)| since);
-                    self.in_vain = Some((since, frame.port, frame.session));
-                    if monotonic.saturating_sub(since) > IN_VAIN {
-                        return Err(AgentError::Silenced { peer: frame.peer, cause });
-                    }
+                    self.in_vain.get_or_insert(monotonic);
+                    port.refused = true;
                     continue;
                 }
             };
@@ -192,32 +188,30 @@ impl Sender {
                 link.flush();
             }
         }
-        Ok(())
     }
 
-    /// Tries again to open a link that could not be opened for [`IN_VAIN`]. An agent that has nothing more to send would
-    /// otherwise stay cut off, and its swarm stand still without a fault of the protocol. `monotonic` is real time.
+    /// Tries again to open the links that could not be opened, after [`IN_VAIN`], also if there is nothing to send: the agent
+    /// would stay cut off, and its swarm stand still without a fault of the protocol. `monotonic` is real time.
     ///
     /// # Errors
-    /// If the link cannot be opened now, either.
+    /// If one cannot be opened now, either.
     pub fn retry<T: Transport>(
         &mut self,
         monotonic: u64,
         contacts: &mut Contacts<T::Link>,
         transport: &mut T,
     ) -> Result<(), AgentError> {
-        let Some((_, port, session)) =
-            self.in_vain.take_if(|(since, ..)| monotonic.saturating_sub(*since) > IN_VAIN)
-        else {
+        if self.in_vain.is_none_or(|since| monotonic.saturating_sub(since) <= IN_VAIN) {
             return Ok(());
-        };
-        let Some(port) = contacts.get_mut(port).filter(|port| port.contact.session == session) else {
-            return Ok(());
-        };
-        match open(port, transport) {
-            Ok(_) | Err(ConnectError::Unreachable(_) | ConnectError::NoSlot(_)) => Ok(()),
-            Err(cause) => Err(AgentError::Silenced { peer: port.contact.peer, cause }),
         }
+        for port in contacts.iter_mut().filter(|port| port.refused) {
+            match open(port, transport) {
+                Ok(_) | Err(ConnectError::Unreachable(_) | ConnectError::NoSlot(_)) => port.refused = false,
+                Err(cause) => return Err(AgentError::Silenced { peer: port.contact.peer, cause }),
+            }
+        }
+        self.in_vain = None;
+        Ok(())
     }
 }
 
@@ -232,4 +226,123 @@ fn open<'a, T: Transport>(
     }
     // Invariant: it was just opened if it was not open before.
     port.link.as_mut().ok_or_else(|| ConnectError::Failed("the link is not open".into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transport::TransportError;
+    use metamorph_protocol::ids::{Incarnation, ModuleId, Revision, Session};
+    use metamorph_protocol::lattice::Cell;
+    use metamorph_protocol::link::LinkModel;
+    use metamorph_protocol::runtime::Contact;
+    use std::time::Duration;
+
+    #[derive(Debug)]
+    struct Open;
+
+    impl Link for Open {
+        fn send(&mut self, _: SharedFrame) -> SendStatus {
+            SendStatus::Sent
+        }
+        fn flush(&mut self) {}
+    }
+
+    /// Opens links to modules with numbers from `least` on, and refuses others.
+    struct Refusing {
+        least: u32,
+    }
+
+    impl Transport for Refusing {
+        type Link = Open;
+        fn connect(&mut self, to: Address) -> Result<Open, ConnectError> {
+            match to {
+                Address::Agent((id, _)) if id.0 >= self.least => Ok(Open),
+                _ => Err(ConnectError::Failed("no descriptor is left".into())),
+            }
+        }
+        fn receive(&mut self) -> Result<Option<SharedFrame>, TransportError> {
+            Ok(None)
+        }
+        fn wait(&mut self, _: Duration) -> Result<(), TransportError> {
+            Ok(())
+        }
+    }
+
+    struct Case {
+        sender: Sender,
+        contacts: Contacts<Open>,
+        transport: Refusing,
+        tally: Tally,
+    }
+
+    impl Case {
+        /// Creates the sender of a module that touches the modules 1 and 2 on its ports 1 and 2.
+        fn new() -> Case {
+            let agent = (ModuleId(0), Incarnation(0));
+            let emulator = LinkEmulator::new(LinkModel::default(), 1, agent.0, agent.1, 6);
+            let mut contacts = Contacts::new(6, false);
+            for peer in [1, 2] {
+                let (peer_incarnation, peer_port) = (Incarnation(0), Port(0));
+                let contact =
+                    Contact { session: Session(peer), peer: ModuleId(peer), peer_incarnation, peer_port };
+                contacts.change(Port(peer as u8), Revision(peer), Some(contact));
+            }
+            let (sender, transport) = (Sender::new(agent, emulator), Refusing { least: u32::MAX });
+            Case { sender, contacts, transport, tally: Tally::default() }
+        }
+        fn send(&mut self, port: u8, monotonic: u64) {
+            let message = (Port(port), Class::Seed, &Cell::default());
+            self.sender.send(Time::ZERO, message, &self.contacts, &mut self.tally);
+            self.sender.release(Time::NEVER);
+            let now = (Time::ZERO, monotonic);
+            self.sender.flush(now, &mut self.contacts, &mut self.transport, &mut self.tally);
+        }
+        /// Returns the neighbour for which the agent gives up.
+        fn silenced(&mut self, monotonic: u64) -> Option<u32> {
+            match self.sender.retry(monotonic, &mut self.contacts, &mut self.transport) {
+                Err(AgentError::Silenced { peer, .. }) => Some(peer.0),
+                _ => None,
+            }
+        }
+    }
+
+    #[test]
+    fn a_refused_link_is_tried_again_though_nothing_more_is_sent() {
+        let mut case = Case::new();
+        case.send(1, 0);
+        assert_eq!((case.silenced(IN_VAIN), case.silenced(IN_VAIN + 1)), (None, Some(1)));
+        case.transport.least = 0;
+        assert_eq!(case.silenced(IN_VAIN + 1), None);
+        // It is open now.
+        case.transport.least = u32::MAX;
+        assert_eq!(case.silenced(3 * IN_VAIN), None);
+    }
+
+    /// The contact that was refused last ends, and another link is opened: the first contact stays cut off all the same.
+    #[test]
+    fn every_refused_link_is_tried_again() {
+        let mut case = Case::new();
+        case.send(1, 0);
+        case.send(2, 1);
+        case.contacts.change(Port(2), Revision(3), None);
+        assert_eq!(case.silenced(IN_VAIN + 1), Some(1));
+
+        let mut case = Case::new();
+        case.send(1, 0);
+        case.transport.least = 2;
+        case.send(2, 1);
+        assert_eq!((case.silenced(IN_VAIN + 1), case.silenced(IN_VAIN + 2)), (None, Some(1)));
+    }
+
+    #[test]
+    fn a_contact_that_has_ended_is_not_tried_again() {
+        let mut case = Case::new();
+        case.send(1, 0);
+        case.contacts.change(Port(1), Revision(3), None);
+        assert_eq!(case.silenced(3 * IN_VAIN), None);
+        // A later refusal has its own time.
+        case.send(2, 3 * IN_VAIN);
+        assert_eq!((case.silenced(4 * IN_VAIN), case.silenced(4 * IN_VAIN + 1)), (None, Some(2)));
+    }
 }

@@ -15,7 +15,7 @@ use crate::run_dir::run_name::RunName;
 use crate::run_dir::swarm_file::{SwarmFile, SwarmFileError};
 use crate::transport::iceoryx::rendezvous::{ChannelError, Rendezvous, set_verbosity};
 use crate::transport::iceoryx::{IceoryxTransport, space};
-use crate::transport::{AgentKey, ConnectError, TransportError};
+use crate::transport::{AgentKey, ConnectError, LACK, TransportError};
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use rustix::process::{getpgid, getppid, setpgid, setsid};
@@ -64,9 +64,7 @@ pub enum AgentError {
     #[error("the controller (process {0}) is gone; an agent does not go on without it")]
     Orphan(i32),
     /// No link to a neighbour can be opened.
-    #[error(
-        "cannot reach module {peer}, a neighbour: {cause}; this process may lack memory (ulimit -v) or file descriptors (ulimit -n)"
-    )]
+    #[error("cannot reach module {peer}, a neighbour: {cause}; {reason}", reason = LACK)]
     Silenced {
         /// The neighbour.
         peer: ModuleId,

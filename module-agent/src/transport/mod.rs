@@ -120,6 +120,9 @@ pub enum ConnectError {
     Failed(Box<dyn Error + Send + Sync>),
 }
 
+/// The resources that a process lacks if the operating system refuses it a file or a mapping, and their limits.
+pub const LACK: &str = "this process may lack memory (ulimit -v) or file descriptors (ulimit -n)";
+
 /// Errors of an inbox that has failed permanently.
 #[derive(Debug, Error)]
 pub enum TransportError {
@@ -127,9 +130,7 @@ pub enum TransportError {
     #[error("cannot read the inbox: {0}; was the run's directory removed?")]
     Receive(String),
     /// This process lacks memory or descriptors.
-    #[error(
-        "cannot receive from a sender: {0}; this process may lack memory (ulimit -v) or file descriptors (ulimit -n)"
-    )]
+    #[error("cannot receive from a sender: {0}; {reason}", reason = LACK)]
     Lack(String),
     /// Waiting is not possible.
     #[error("cannot wait for messages: {0}")]

@@ -13,17 +13,30 @@ use iceoryx2_cal::zero_copy_connection::ZeroCopyCreationError;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use std::time::Duration;
 
-/// Returns true if a sender could not be connected because the operating system has refused a file or a mapping, and not
-/// because of the state in which the sender has left them.
-fn is_lack(e: &ReceiveError) -> bool {
+/// Number of times that a channel is read while senders of it cannot be connected. Each is reported once.
+const READS: usize = 64;
+
+/// Takes the next frame out of a channel.
+///
+/// # Errors
+/// If the channel cannot be read, or the operating system refuses what connects a sender: its frames would never be received.
+fn take(subscriber: &Subscriber) -> Result<Option<SharedFrame>, TransportError> {
     use ConnectionFailure::{FailedToEstablishConnection, UnableToMapSendersDataSegment};
-    matches!(
-        e,
-        ReceiveError::ConnectionFailure(
-            FailedToEstablishConnection(ZeroCopyCreationError::InternalError)
-                | UnableToMapSendersDataSegment(SharedMemoryOpenError::InternalError)
-        )
-    )
+    for _ in 0..READS {
+        let e = match subscriber.receive() {
+            Ok(sample) => return Ok(sample.map(|sample| *sample.payload())),
+            Err(ReceiveError::ConnectionFailure(e)) => e,
+            Err(e) => return Err(TransportError::Receive(format!("{e:?}"))),
+        };
+        if let FailedToEstablishConnection(ZeroCopyCreationError::InternalError)
+        | UnableToMapSendersDataSegment(SharedMemoryOpenError::InternalError) = e
+        {
+            return Err(TransportError::Lack(format!("{e:?}")));
+        }
+        // A sender that was killed while it attached cannot be connected to. The others have been connected by then.
+        tracing::debug!("a sender could not be connected: {e:?}");
+    }
+    Err(TransportError::Receive("too many senders cannot be connected".to_owned()))
 }
 
 /// The inbox of one process.
@@ -83,20 +96,10 @@ impl Inbox {
     /// If a channel cannot be read.
     pub fn receive(&mut self) -> Result<Option<SharedFrame>, TransportError> {
         for _ in 0..self.subscribers.len() {
-            let subscriber = &self.subscribers[self.next];
-            let sample = subscriber.receive().or_else(|e| {
-                // It is reported once, and the frames of this sender are never received.
-                if is_lack(&e) {
-                    return Err(TransportError::Lack(format!("{e:?}")));
-                }
-                // A sender that was killed while it attached cannot be connected to. The others have been connected by then.
-                tracing::debug!("a sender could not be connected: {e:?}");
-                subscriber.receive().map_err(|e| TransportError::Receive(format!("{e:?}")))
-            })?;
-            match sample {
-                Some(sample) => return Ok(Some(*sample.payload())),
-                None => self.next = (self.next + 1) % self.subscribers.len(),
+            if let Some(frame) = take(&self.subscribers[self.next])? {
+                return Ok(Some(frame));
             }
+            self.next = (self.next + 1) % self.subscribers.len();
         }
         Ok(None)
     }

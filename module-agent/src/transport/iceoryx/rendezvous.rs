@@ -11,7 +11,9 @@ use crate::transport::iceoryx::space;
 use crate::transport::shared_frame::SharedFrame;
 use crate::transport::{EGRESS_DEPTH, INBOX_DEPTH, INBOX_SPARE, REPORTS_DEPTH, SpaceShortage};
 use iceoryx2::port::backpressure_strategy::BackpressureStrategy;
-use iceoryx2::port::{listener, notifier, publisher, subscriber};
+use iceoryx2::port::{
+    DegradationAction, DegradationCause, DegradationInfo, listener, notifier, publisher, subscriber,
+};
 use iceoryx2::prelude::{
     Config, FileName, Node, NodeBuilder, Path as IoxPath, SemanticString, ServiceName, SignalHandlingMode,
 };
@@ -299,7 +301,13 @@ impl Rendezvous {
 /// If all slots of the channel are taken.
 pub fn subscribe(frames: &Frames) -> Result<Subscriber, ChannelError> {
     use iceoryx2::prelude::PortFactory as _;
-    frames.subscriber_builder().create().map_err(|e| ChannelError::attach(frames.name().as_str(), e))
+    // By default a sender that cannot be connected costs a warning, and its frames are never received.
+    let fail = |cause, _: &DegradationInfo| match cause {
+        DegradationCause::FailedToEstablishConnection => DegradationAction::DegradeAndFail,
+        DegradationCause::ConnectionCorrupted => DegradationAction::Warn,
+    };
+    let builder = frames.subscriber_builder().set_degradation_handler(fail);
+    builder.create().map_err(|e| ChannelError::attach(frames.name().as_str(), e))
 }
 
 /// Creates the sending end of a channel of frames. It never blocks: frames that do not fit are refused.

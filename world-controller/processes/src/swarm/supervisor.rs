@@ -406,12 +406,12 @@ fn exited(launch: &Launch, agent: AgentKey, status: io::Result<ExitStatus>) -> E
     let code = status.as_ref().ok().and_then(ExitStatus::code);
     let mut stderr_tail = if launch.verbose { String::new() } else { tail(&log_path(launch, agent)) };
     // A backtrace may follow; with `verbose` it is not known why it aborted, and an abort may be a defect of the agent.
-    let refused = stderr_tail.lines().find(|line| line.starts_with(REFUSED)).map(str::to_owned);
-    let refused = refused.filter(|_| signal == Some(SIGABRT));
-    if let Some(line) = &refused {
-        stderr_tail.clone_from(line);
+    let refused = stderr_tail.lines().find(|line| signal == Some(SIGABRT) && line.starts_with(REFUSED));
+    let is_refused = refused.is_some();
+    if let Some(line) = refused {
+        stderr_tail = line.to_owned();
     }
-    let of_machine = refused.is_some()
+    let of_machine = is_refused
         || code == Some(i32::from(EXIT_OF_MACHINE))
         || signal.is_some_and(|s| is_of_machine(launch, s));
     let how = match status {
@@ -423,7 +423,7 @@ fn exited(launch: &Launch, agent: AgentKey, status: io::Result<ExitStatus>) -> E
                 format!("exited with code {code}, while shared memory ({HOME}) is full,")
             }
             (Some(code), _) => format!("exited with code {code}"),
-            (None, Some(_)) if refused.is_some() => {
+            (None, Some(_)) if is_refused => {
                 "aborted, because it may map no more memory (ulimit -v),".to_owned()
             }
             (None, Some(SIGKILL)) if of_machine => {
