@@ -480,7 +480,7 @@ const CIRCLE_MAX: usize = 4;
 const CIRCLES: &[(&str, usize)] = &[
     ("swarm", 20),
     ("scenario", 19),
-    ("cube", 12),
+    ("cube", 14),
     ("bench", 7),
     ("studio", 7),
     ("python", 7),

@@ -359,7 +359,7 @@ fn without_a_file_the_figure_goes_to_standard_output() {
     assert!(String::from_utf8(output.stdout).unwrap().starts_with("<svg "));
 }
 
-/// The pictures of README.md, the gallery and two chapters are what `docs/pictures/make` makes: the SVG byte by byte, the
+/// The pictures of README.md, the gallery and three chapters are what `docs/pictures/make` makes: the SVG byte by byte, the
 /// moving pictures in size and number of frames, since pixels may differ a little on other processors.
 #[test]
 fn the_pictures_of_the_pages_are_made_by_render() {
@@ -370,7 +370,7 @@ fn the_pictures_of_the_pages_are_made_by_render() {
     assert!(lines.len() > 2, "{script}");
     let gallery = fs::read_to_string(pictures.join("../gallery.md")).unwrap();
     let chapter = |name| fs::read_to_string(pictures.join("..").join(name)).unwrap();
-    let (elements, walking) = (chapter("manipulation.md"), chapter("locomotion.md"));
+    let chapters = ["manipulation.md", "locomotion.md", "healing.md"].map(chapter);
     let missing: Vec<&str> = gallery
         .split("](pictures/")
         .skip(1)
@@ -390,9 +390,7 @@ fn the_pictures_of_the_pages_are_made_by_render() {
         let words: Vec<&str> = line.split(' ').collect();
         let (options, name) = (&words[2..words.len() - 2], words[words.len() - 1]);
         let shown = readme.contains(&format!("docs/pictures/{name}"))
-            || [&gallery, &elements, &walking]
-                .iter()
-                .any(|page| page.contains(&format!("](pictures/{name})")));
+            || chapters.iter().chain([&gallery]).any(|page| page.contains(&format!("](pictures/{name})")));
         assert!(words[0] == "render" && shown, "{line}");
         let options: Vec<&str> = options.iter().copied().filter(|word| *word != "--quiet").collect();
         let made = figure(words[1], name, &options);

@@ -16,7 +16,7 @@ use metamorph_world_controller::scenario::settings::Setting;
 use metamorph_world_controller::scenario::{LinkKind, Overrides};
 use std::path::Path;
 
-/// A plate of which a fifth dies while it becomes a ball.
+/// A plate of which more than a third dies while it becomes a ball: so many that not all of these swarms heal by themselves.
 const BROKEN: &str = r#"
 version = 1
 [swarm]
@@ -24,7 +24,7 @@ start = { box = { min = [0, 0, 0], max = [9, 5, 1] } }
 [[goal]]
 shape = { sphere = { center = [4, 2, 1], radius = 4 } }
 [[fault]]
-crash = { fraction = "20%", between = "0s..20s" }
+crash = { fraction = "35%", between = "0s..20s" }
 [stop]
 timeout = "3000s"
 "#;

@@ -15,7 +15,7 @@ use thiserror::Error;
 
 const MAGIC: [u8; 4] = *b"MMSW";
 /// The version of the layout. Any change of [`SwarmFile`] raises it.
-pub const VERSION: u16 = 8;
+pub const VERSION: u16 = 9;
 /// Largest size of the file in bytes; bounds the memory that a damaged length can claim.
 const LIMIT: usize = 256 << 20;
 

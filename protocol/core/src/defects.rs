@@ -52,6 +52,20 @@ listed! {
         IgnoreDead,
         /// Cubes: a neighbour that died finalized for an earlier goal counts as one of the present goal.
         RootOfOldGoal,
+        /// Cubes: modules slide from dead ones, and leave from beside them, at any time.
+        IgnoreTurns,
+        /// Cubes: all modules slide from dead ones in the same slot.
+        OneColour,
+        /// Cubes: a neighbour counts as having spoken when its beacon is taken from the inbox, not when it was sent.
+        TrustArrival,
+        /// Cubes: a walker leaves although it has not heard a neighbour, which may rest on it.
+        LeaveStrangers,
+        /// Cubes: the last words of a neighbour that died in an earlier epoch count for the present one.
+        FixedOfOldEpoch,
+        /// Cubes: a restarted module believes that its dead neighbours stay connected without it.
+        BelieveAfterRestart,
+        /// Cubes: holders of the dead are ordered by their places alone, not by when their paths were confirmed.
+        ClusterOrder,
         /// Metamodules: every request is granted.
         GrantEverything,
         /// Metamodules and free modules: no other module is asked for its consent.

@@ -7,7 +7,7 @@
 
 mod face_field;
 
-use super::message::{Entry, Role};
+use super::message::{Beacon, Entry, Role};
 use super::view::View;
 use core::hash::Hash;
 use face_field::{FaceField, Limits, MAX_RECORDS, Offer, newer};
@@ -188,9 +188,8 @@ impl Attraction {
         // A module already in that cell blocks no other cell any more.
         let is_taken = || v.peer(face).is_some_and(|b| b.role == Role::Reserve || b.immobile);
         let is_last_hope = || self.faces.iter().all(|f| f.value().distance >= far);
-        let is_due = v.now.since(since) > v.params().out_of_turn_after
-            && v.sides.missed() == 0
-            && (is_taken() || is_last_hope());
+        let patience = v.params().out_of_turn_after / if v.peer(face).is_some_and(awaits) { 4 } else { 1 };
+        let is_due = v.now.since(since) > patience && v.sides.missed() == 0 && (is_taken() || is_last_hope());
         is_due.then(|| {
             hit(CoveragePoint::CubeRelaxed);
             far
@@ -468,4 +467,10 @@ fn may_be_own(v: View<'_>, entry: Entry) -> bool {
         && entry.is_known()
         && !v.has(Defect::AcceptStaleValues)
         && !newer(entry.version, version_of(v, entry.source >> 3, v.own.settled))
+}
+
+/// Returns true if the sender of a beacon is a walker that stays in its cell although it is not finalized, in a body with dead modules:
+/// it has come over the dead and waits there, or is stuck.
+fn awaits(b: &Beacon) -> bool {
+    b.knows_of_death && b.immobile && b.role == Role::Walker
 }

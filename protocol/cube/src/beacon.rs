@@ -62,12 +62,14 @@ impl Sender {
         composed_from: None,
     };
 
-    /// Returns when a beacon has to be sent, and with which class. Sets its sequence number to that of the beacon
-    /// sent last, so that the two can be compared.
-    fn judge(&self, now: Time, beacon: &mut Beacon, advertise: Span, heartbeat: Span) -> Due {
-        beacon.sequence = self.sequence;
+    /// Returns when a beacon has to be sent, and with which class.
+    ///
+    /// That a module has died is no news. It is told with the next beacon that is sent for another reason: nobody waits for it
+    /// as long as a heartbeat, and a wave of beacons over the whole body would restart the wait of every distance.
+    fn judge(&self, now: Time, beacon: &Beacon, advertise: Span, heartbeat: Span) -> Due {
         let age = now.since(self.sent_at);
-        let Some(before) = &self.sent else { return Due::Now(Class::Liveness) };
+        let Some(sent) = &self.sent else { return Due::Now(Class::Liveness) };
+        let before = &Beacon { knows_of_death: beacon.knows_of_death, ..sent.repeating(beacon) };
         if before == beacon {
             return if age < heartbeat { Due::Never } else { Due::Now(Class::Liveness) };
         }
@@ -140,6 +142,7 @@ impl Cube {
     /// (see `news_delay`), and an unchanged beacon once per `heartbeat`.
     pub(super) fn tend_beacons(&mut self, now: Time) {
         let (advertise, heartbeat) = (self.own.params().advertise, self.own.params().heartbeat);
+        let spoken = self.own.params().stamp(now);
         let (mut timed, mut common) = (None, None);
         for face in Face::in_mask(self.sides.touching_mask()) {
             let sender = &self.beacons.senders[face.index()];
@@ -157,7 +160,7 @@ impl Cube {
             let mut beacon = self.compose(now, face, common);
             let sender = &mut self.beacons.senders[face.index()];
             (sender.stale, sender.composed_from) = (false, Some(timed));
-            let class = match sender.judge(now, &mut beacon, advertise, heartbeat) {
+            let class = match sender.judge(now, &beacon, advertise, heartbeat) {
                 Due::Now(class) => class,
                 Due::Never => {
                     sender.later = None;
@@ -170,7 +173,7 @@ impl Cube {
             };
             sender.later = None;
             sender.sequence += 1;
-            beacon.sequence = sender.sequence;
+            (beacon.sequence, beacon.spoken) = (sender.sequence, spoken);
             (sender.sent, sender.sent_at) = (Some(beacon), now);
             self.out.send(&self.sides, face, class, Message::Beacon(beacon));
         }
@@ -180,10 +183,10 @@ impl Cube {
     #[cfg(debug_assertions)]
     fn assert_waits(&self, now: Time, face: Face) {
         let (advertise, heartbeat) = (self.own.params().advertise, self.own.params().heartbeat);
-        let mut beacon = self.compose(now, face, &self.compose_common(now));
+        let beacon = self.compose(now, face, &self.compose_common(now));
         let sender = &self.beacons.senders[face.index()];
         let expected = sender.later.map_or(Due::Never, Due::At);
-        let due = sender.judge(now, &mut beacon, advertise, heartbeat);
+        let due = sender.judge(now, &beacon, advertise, heartbeat);
         assert_eq!(due, expected, "a beacon was not composed and would differ");
     }
 
@@ -197,7 +200,7 @@ impl Cube {
             open: self.sides.open_mask(),
             is_quarantined: self.own.is_quarantined(now),
             is_stranded: self.is_stranded(now),
-            is_called_here: self.is_called_here(),
+            is_called_here: self.is_called_here() || self.surveyor.awaits(),
             asks_children: now.since(self.own.settled) > self.own.params().suspect,
         }
     }
@@ -211,14 +214,21 @@ impl Cube {
             epoch: own.epoch,
             role: own.role,
             attached: self.forest.is_attached(v),
-            immobile: own.immobile || self.is_stranded(now) || self.is_called_here(),
+            immobile: own.immobile
+                || self.is_stranded(now)
+                || self.is_called_here()
+                || self.surveyor.awaits(),
             supported_here: false,
             wants_you: false,
             quarantined: v.is_quarantined(),
+            knows_of_death: own.knows_of_death,
+            spoken: 0,
             final_hops: v.final_hops(),
             supports: self.sides.support_mask(),
             finals: self.finals,
             filled: self.filled,
+            dead: self.sides.certified_mask(),
+            fixed: self.forest.fixed_mask(v),
             rank: self.forest.told_rank(v),
             renew: Time::ZERO,
             claim: Claim::None,
@@ -293,8 +303,10 @@ fn class_of_news(before: &Beacon, after: &Beacon) -> Class {
     let connectivity = |b: &Beacon| {
         (b.attached, b.rank, b.renew, b.claim, b.ack, b.supported_here, b.quarantined, b.final_hops)
     };
-    let seed =
-        |b: &Beacon| (b.epoch, b.role, b.wants_you, b.supports, b.finals, b.filled, b.subtree, b.immobile);
+    let seed = |b: &Beacon| {
+        let faces = (b.supports, b.finals, b.filled, b.dead, b.fixed);
+        (b.epoch, b.role, b.wants_you, faces, b.subtree, b.immobile)
+    };
     if connectivity(before) != connectivity(after) {
         Class::Connectivity
     } else if seed(before) != seed(after) {

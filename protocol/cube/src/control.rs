@@ -4,6 +4,7 @@ use super::call::Walk;
 use super::epoch::{Epoch, Opening};
 use super::message::Role;
 use super::steering::Steering;
+use core::cmp::Reverse;
 use metamorph_core::ids::{ModuleId, Port, Session, Token};
 use metamorph_core::lattice::{Cell, Face};
 use metamorph_core::time::Time;
@@ -61,7 +62,7 @@ pub enum Order {
     },
 }
 
-/// "The module behind this face of a dead one holds it, and does not hang on it."
+/// "This module holds a dead one, or another of the dead that hang together with it, and does not hang on any of them."
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct CustodyAnnouncement {
     /// The cell of the dead module.
@@ -70,37 +71,51 @@ pub struct CustodyAnnouncement {
     pub died: Time,
     /// The epoch for which this holds.
     pub epoch: Epoch,
-    /// The face of the dead module behind which the holder is.
-    pub face: Face,
-    /// True if the holder is finalized.
-    pub is_final: bool,
+    /// The holder's place in the order of holders.
+    pub holder: CustodyKey,
 }
 
-impl CustodyAnnouncement {
-    /// Returns the cell of the holder.
-    pub fn holder(&self) -> Cell {
-        self.dead.step(self.face)
-    }
-    /// Returns the holder's place in the order of holders, for the goal that grows from `seed`.
-    pub fn key(&self, seed: Cell) -> CustodyKey {
-        let holder = self.holder();
-        CustodyKey { is_loose: !(self.is_final || holder == seed), distance: holder.manhattan(seed), holder }
-    }
-}
-
-/// The place of a module in the order of holders of a dead module; the smallest key is the best holder. Finalized
-/// modules come first, since they never leave, and then modules near the seed, since they are finalized first.
+/// The place of a module in the order of holders; the smallest key is the best holder. Finalized modules come first, since they
+/// never leave; then those whose path to the finalized modules was confirmed last, so that a module lets go only for one that
+/// has been confirmed later than itself (`custody`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CustodyKey {
     /// False if the module is finalized, or stands in the seed cell.
     pub is_loose: bool,
-    /// Its distance from the seed.
+    /// When its path was confirmed, as it has announced.
+    pub confirmed: Reverse<Time>,
+    /// Its distance from the seed. Modules near the seed are finalized first.
     pub distance: u32,
     /// Its cell.
-    pub holder: Cell,
+    pub cell: Cell,
 }
 
-fields!(CustodyAnnouncement { dead, died, epoch, face, is_final as "final" });
+impl CustodyKey {
+    /// Returns the place of the module in `cell`, for the goal that grows from `seed`.
+    pub fn new(cell: Cell, is_final: bool, confirmed: Time, seed: Cell) -> CustodyKey {
+        let is_loose = !(is_final || cell == seed);
+        CustodyKey { is_loose, confirmed: Reverse(confirmed), distance: cell.manhattan(seed), cell }
+    }
+    /// Returns true if the holder does not hang on a module that died at `died`, by its announcement.
+    pub fn is_after(&self, died: Time) -> bool {
+        !self.is_loose || self.confirmed.0 > died
+    }
+}
+
+impl Field for CustodyKey {
+    fn put(&self, out: &mut Encoder) {
+        out.bool(self.is_loose);
+        out.time(self.confirmed.0);
+        out.u32(self.distance);
+        self.cell.put(out);
+    }
+    fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<CustodyKey, WireError> {
+        let (is_loose, confirmed, distance) = (from.bool("loose")?, Reverse(from.time()?), from.u32()?);
+        Ok(CustodyKey { is_loose, confirmed, distance, cell: Cell::take("holder", from)? })
+    }
+}
+
+fields!(CustodyAnnouncement { dead, died, epoch, holder });
 
 messages!(Order {
     0 => Goal(opening),
@@ -136,9 +151,11 @@ pub struct Status {
     pub waits_for: Option<ModuleId>,
     /// The latest request of the controller that it has granted, until the grant ends ([`Order::Carry`]).
     pub carries: Option<Token>,
-    /// For each face, the time of death of a dead neighbour that the module has announced to hold; zero if there is
+    /// For each face, the time of death of a dead neighbour that the module announces to hold; zero if there is
     /// none.
     pub custody: [Time; 6],
+    /// When its path was confirmed, for these announcements; zero if there are none.
+    pub confirmed: Time,
 }
 
 impl Wire for Status {
@@ -159,6 +176,7 @@ impl Wire for Status {
         let held = Face::ALL.into_iter().filter(|f| self.custody[f.index()] != Time::ZERO);
         out.u8(Face::mask(held.clone()));
         held.for_each(|f| out.time(self.custody[f.index()]));
+        out.time(self.confirmed);
     }
     fn decode(kind: u8, from: &mut Decoder<'_>) -> Result<Status, WireError> {
         if kind != 0 {
@@ -177,6 +195,7 @@ impl Wire for Status {
             waits_for: Field::take("waits_for", from)?,
             carries: Field::take("carries", from)?,
             custody: [Time::ZERO; 6],
+            confirmed: Time::ZERO,
         };
         let held = from.u8()?;
         if held >= 64 {
@@ -189,6 +208,7 @@ impl Wire for Status {
             }
             status.custody[face.index()] = died;
         }
+        status.confirmed = from.time()?;
         Ok(status)
     }
 }

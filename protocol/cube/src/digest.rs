@@ -30,6 +30,7 @@ impl Cube {
             tokens,
             steered,
             called,
+            surveyor,
             reporter: _,
             wanted: _,
             finals: _,
@@ -49,6 +50,7 @@ impl Cube {
             activator,
             support,
             immobile,
+            knows_of_death,
             setup: _,
             born: _,
             masks: _,
@@ -64,11 +66,14 @@ impl Cube {
         (immobile, prevented, restarted).hash(hasher);
         quarantine_until.hash(hasher);
         planner.digest(hasher, DigestPart::Targets);
-        // Without searches, repetitions, commands, calls and closed epochs the hash is that of a swarm that knows none.
+        // Without searches, repetitions, commands, calls, deaths and closed epochs the hash is that of a swarm that knows none.
         steered.iter().for_each(|steered| steered.hash(hasher));
         called.iter().for_each(|called| called.hash(hasher));
         retransmission.hash(hasher);
         relays.hash(hasher);
+        if *knows_of_death {
+            surveyor.digest(hasher);
+        }
         let is_closed_next = next_epoch.as_ref().is_some_and(|next| next.is_closed);
         if *is_closed || is_closed_next {
             (is_closed, is_closed_next).hash(hasher);

@@ -17,7 +17,7 @@ impl Cube {
             && !self.own.is_quarantined(now)
         {
             self.abort_attempt(now, None);
-            self.become_final(None);
+            self.become_final(now, None);
         }
     }
 
@@ -31,13 +31,13 @@ impl Cube {
         if self.is_started_by_dead(now) {
             hit(CoveragePoint::CubeStartedByDead);
             self.abort_attempt(now, None);
-            return self.become_final(None);
+            return self.become_final(now, None);
         }
         let v = self.view(now);
         let wanted_by = |f: &Face| v.live(*f).is_some_and(|b| b.wants_you && v.is_final(b));
         if let Some(face) = Face::in_mask(v.sides.live_mask()).find(wanted_by) {
             self.abort_attempt(now, None);
-            self.become_final(Some(face));
+            self.become_final(now, Some(face));
         }
     }
 
@@ -49,7 +49,7 @@ impl Cube {
         let (v, masks) = (self.view(now), &self.own.masks);
         // A module that has restarted in its cell stays there in any case.
         let rests = now.since(self.own.settled) > v.params().out_of_turn_after;
-        let out_of_turn = self.is_called_here() || self.own.restarted || rests;
+        let out_of_turn = self.is_called_here() || self.surveyor.awaits() || self.own.restarted || rests;
         let dead = v.sides.certified_mask() & if out_of_turn { masks.cells } else { masks.starters };
         if dead == 0 || !custody::is_announced(v) {
             return false;
@@ -58,15 +58,16 @@ impl Cube {
         let may_grow = out_of_turn
             || self.own.grows_as() == Growth::Scaffold
             || Face::in_mask(masks.own_lower).all(is_filled);
-        let is_fixed = |f: Face| v.died_finalized(f) || self.forest.custody().is_fixed(f);
+        let is_fixed = |f: Face| self.forest.is_fixed(v, f);
         may_grow && Face::in_mask(dead).any(is_fixed)
     }
 
-    pub(super) fn become_final(&mut self, activator: Option<Face>) {
+    pub(super) fn become_final(&mut self, now: Time, activator: Option<Face>) {
         (self.own.role, self.own.activator, self.own.support) = (Role::Final, activator, None);
         self.forest.on_finalized();
         self.planner.on_finalized();
         self.called = None;
+        self.surveyor.settle(now);
         self.invalidate();
     }
 }

@@ -8,7 +8,8 @@
 //! * `parent_forest`, `custody`, `cycles` — the connectivity checks, and which module stays for a dead neighbour;
 //! * `finalization` — when a module becomes part of the finalized structure;
 //! * `lock_table`, `negotiation` — locks and reservations along routes, with leases;
-//! * `motion_planner` — where to go, and when; `call`, `steering` — where the controller leads it;
+//! * `motion_planner` — where to go, and when; `survey`, `turns` — over dead modules; `call`, `steering` — where the
+//!   controller leads it;
 //! * `beacon` — telling the neighbours; `reporter` — telling the world-controller;
 //! * `epoch` — which goal it works for, and whether it is built now;
 //! * `view` — what the parts read: the module itself, its neighbours, the time of the step.
@@ -44,6 +45,8 @@ mod retransmission;
 pub mod route;
 mod sides;
 pub mod steering;
+mod survey;
+mod turns;
 mod view;
 
 #[cfg(all(test, debug_assertions))]
@@ -82,6 +85,7 @@ use reporter::Reporter;
 use retransmission::Retransmission;
 use sides::Sides;
 use steering::Steered;
+use survey::Surveyor;
 use view::{GoalMasks, Own, Shared, View};
 
 /// The agent of one cube.
@@ -115,6 +119,8 @@ pub struct Cube {
     steered: Option<Steered>,
     /// Where the controller leads it, when nothing moves any more.
     called: Option<Box<Called>>,
+    /// Its own search for a goal cell beyond the dead.
+    surveyor: Surveyor,
     /// Faces outside which this finalized module wants the cell filled; computed in every step.
     wanted: u8,
     /// Faces with a live neighbour that is finalized for the same goal; computed in every step.
@@ -250,6 +256,7 @@ impl Agent for Cube {
             activator: None,
             support: None,
             immobile: false,
+            knows_of_death: false,
             masks: GoalMasks::default(),
         };
         own.look_up();
@@ -274,6 +281,7 @@ impl Agent for Cube {
             tokens: Tokens(u32::from(birth.incarnation.0) << 20),
             steered: None,
             called: None,
+            surveyor: Surveyor::new(now),
             wanted: 0,
             finals: 0,
             filled: 0,
@@ -348,7 +356,8 @@ impl Cube {
             return;
         }
         let lost = self.sides.peer(face).map(|b| b.id);
-        self.sides.begin(face, session);
+        self.sides.begin(now, face, session);
+        self.surveyor.on_contact(now);
         self.beacons.on_contact(face);
         self.retransmission.on_contact(face);
         self.forest.on_contact(face, session.is_none());
@@ -411,7 +420,7 @@ impl Cube {
             if before.sequence >= beacon.sequence || before.id != beacon.id {
                 return hit(CoveragePoint::CubeBeaconLate);
             }
-            let is_known = (Beacon { sequence: beacon.sequence, ..*before }) == beacon;
+            let is_known = before.repeating(&beacon) == beacon;
             if self.sides.missed() & face.bit() != 0 {
                 let v = View { now, own: &self.own, sides: &self.sides };
                 self.attraction.wait_for_news(v);
@@ -434,6 +443,7 @@ impl Cube {
         }
         // A walker that has arrived needs its reservation no more: it is held by contact now.
         self.release_locks(|lock| lock.id.origin == beacon.id && lock.reserved == Some(face));
+        self.own.knows_of_death |= beacon.knows_of_death;
         let (is_idle, v) = (self.is_idle(), View { now, own: &self.own, sides: &self.sides });
         self.forest.register_child(v, is_idle, face, &beacon);
         if self.own.role == Role::Reserve {
@@ -461,6 +471,7 @@ impl Cube {
                     && self.sides.session(face) == Some(session)
                 {
                     self.sides.certify_dead(face, finalized.then_some(epoch));
+                    self.own.knows_of_death = true;
                     let v = View { now, own: &self.own, sides: &self.sides };
                     self.forest.begin_custody(v, face, died);
                     self.invalidate();
@@ -516,6 +527,7 @@ impl Cube {
         self.planner.on_goal();
         self.attraction.on_goal();
         self.called = None;
+        self.surveyor.reset(now);
         self.invalidate();
     }
 
@@ -568,20 +580,24 @@ impl Cube {
         self.wake = next.unwrap_or(Time::NEVER).max(now + Span(1));
     }
 
-    /// Returns true if this is a walker that has rested for long and hears of no target. It takes a place in the forest, so
-    /// that it carries others and passes distances on.
+    /// Returns true if this is a walker that another one rests on, or that has rested for long and hears of no target. It takes
+    /// a place in the forest, so that it carries others and passes distances on.
     fn parks(&self, now: Time) -> bool {
-        let rests = now.since(self.own.settled) > self.own.params().parks_after();
+        let rests = || {
+            now.since(self.own.settled) > self.own.params().parks_after()
+                && !self.own.masks.own
+                && !self.surveyor.is_surveying()
+                && !self.is_attracted(now)
+        };
         self.own.role == Role::Walker
-            && rests
             && self.is_idle()
             && self.called.is_none()
-            && !self.own.masks.own
-            && !self.is_attracted(now)
+            && (self.is_ridden() || rests())
     }
 
     fn tend_forest(&mut self, now: Time) {
         let (is_idle, v) = (self.is_idle(), View { now, own: &self.own, sides: &self.sides });
+        let is_fixed = self.forest.tend_fixed(v);
         let effect = match v.own.connectivity() {
             Connectivity::Forest => self.forest.tend(v, is_idle, self.parks(now), &mut self.tokens),
             // With cycles the gradient only tells which modules are farther out, and should leave first.
@@ -593,11 +609,12 @@ impl Cube {
         if is_parked {
             hit(CoveragePoint::CubeParked);
             (self.own.role, self.own.support) = (Role::Reserve, None);
+            self.surveyor.settle(now);
         }
-        if effect != Effect::None || is_news || is_parked {
+        if effect != Effect::None || is_news || is_parked || is_fixed {
             self.invalidate();
         }
-        if effect == Effect::TellAndDecide {
+        if effect == Effect::TellAndDecide || is_fixed {
             self.decide_soon(now);
         }
     }

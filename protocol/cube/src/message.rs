@@ -130,6 +130,10 @@ pub struct Beacon {
     pub wants_you: bool,
     /// True if the sender has restarted and grants nothing yet.
     pub quarantined: bool,
+    /// True if the sender has heard that a module of the body has died.
+    pub knows_of_death: bool,
+    /// When the beacon was sent, by the sender's clock: in quarters of a move ([`Beacon::QUARTERS`]), modulo 2¹⁶.
+    pub spoken: u16,
     /// The number of hops from the sender to a finalized module, over modules that have restarted and forgotten
     /// their role. Zero if the sender is finalized, or has restarted in the seed; [`Beacon::NO_FINAL`] if it cannot
     /// have been finalized before.
@@ -141,6 +145,10 @@ pub struct Beacon {
     /// Faces outside which the sender knows goal cells that are filled permanently: those of [`Beacon::finals`], and
     /// goal cells with a dead module.
     pub filled: u8,
+    /// Faces outside which a module is certified dead.
+    pub dead: u8,
+    /// Those of them whose module needs no holder, since it was finalized or touches a finalized module.
+    pub fixed: u8,
     /// The sender's place in the parent forest.
     pub rank: Rank,
     /// The sender asks for the receiver's path to the finalized modules to be confirmed at this time or later
@@ -162,6 +170,8 @@ pub struct Beacon {
 impl Beacon {
     /// The number of hops in [`Beacon::final_hops`] of a module that cannot have been finalized before.
     pub const NO_FINAL: u8 = u8::MAX;
+    /// The number of units of [`Beacon::spoken`] in the duration of a move.
+    pub const QUARTERS: u64 = 4;
 
     /// Returns the first beacon of a module in reserve that is attached and knows of nothing else.
     #[cfg(test)]
@@ -176,10 +186,14 @@ impl Beacon {
             supported_here: false,
             wants_you: false,
             quarantined: false,
+            knows_of_death: false,
+            spoken: 0,
             final_hops: Beacon::NO_FINAL,
             supports: 0,
             finals: 0,
             filled: 0,
+            dead: 0,
+            fixed: 0,
             rank: Rank { rooted: Time::ZERO, label: 3 },
             renew: Time::ZERO,
             claim: Claim::None,
@@ -190,9 +204,13 @@ impl Beacon {
         }
     }
 
-    /// Returns true if another beacon is the same except for the distances and the sequence number.
+    /// Returns the same beacon as a repetition of another one, with its number and time.
+    pub(super) fn repeating(&self, other: &Beacon) -> Beacon {
+        Beacon { sequence: other.sequence, spoken: other.spoken, ..*self }
+    }
+    /// Returns true if another beacon is the same except for the distances, the sequence number and the time.
     pub(super) fn differs_in_field_only(&self, other: &Beacon) -> bool {
-        (Beacon { sequence: self.sequence, field: self.field, ..*other }) == *self
+        (Beacon { field: self.field, ..other.repeating(self) }) == *self
     }
 }
 
@@ -393,12 +411,15 @@ impl Field for Beacon {
         out.u32(b.id.0);
         out.u32(b.sequence);
         b.epoch.put(out);
-        let flags = [b.attached, b.immobile, b.supported_here, b.wants_you, b.quarantined];
+        let flags = [b.attached, b.immobile, b.supported_here, b.wants_you, b.quarantined, b.knows_of_death];
         let bits = flags.iter().rev().fold(0u8, |bits, f| bits << 1 | u8::from(*f));
         out.u8(bits << 2 | b.role as u8);
         out.u8(b.supports);
         out.u8(b.finals);
         out.u8(b.filled);
+        out.u8(b.dead);
+        out.u8(b.fixed);
+        out.u16(b.spoken);
         out.u16(b.rank.label);
         out.u64(b.rank.rooted.0);
         out.u64(b.renew.0);
@@ -423,12 +444,10 @@ impl Field for Beacon {
     fn take(_: &'static str, from: &mut Decoder<'_>) -> Result<Beacon, WireError> {
         let (id, sequence, epoch) = (ModuleId(from.u32()?), from.u32()?, Epoch::take("epoch", from)?);
         let bits = from.u8()?;
-        if bits >> 7 != 0 {
-            return Err(WireError::Field("flags"));
-        }
         let flag = |i: u8| bits >> (2 + i) & 1 == 1;
         let (supports, finals) = (face_mask(from.u8()?)?, face_mask(from.u8()?)?);
         let filled = face_mask(from.u8()?)?;
+        let (dead, fixed, spoken) = (face_mask(from.u8()?)?, face_mask(from.u8()?)?, from.u16()?);
         let (label, rooted, renew) = (from.u16()?, Time(from.u64()?), Time(from.u64()?));
         let final_hops = from.u8()?;
         let claim = match (from.u8()?, Token(from.u32()?)) {
@@ -456,10 +475,14 @@ impl Field for Beacon {
             supported_here: flag(2),
             wants_you: flag(3),
             quarantined: flag(4),
+            knows_of_death: flag(5),
+            spoken,
             final_hops,
             supports,
             finals,
             filled,
+            dead,
+            fixed,
             rank: Rank { rooted, label },
             renew,
             claim,
@@ -491,7 +514,7 @@ messages!(Message {
         // Fixed layouts; a test compares them with what `encode` writes.
         metamorph_core::wire::HEADER
             + match self {
-                Message::Beacon(_) => 80,
+                Message::Beacon(_) => 84,
                 Message::Request { .. } => 30,
                 Message::Response { .. } => 27,
                 Message::Release { .. } => 8,

@@ -9,6 +9,7 @@ use super::negotiation::Attempt;
 use super::params::{BACK_OFF, BACK_OFF_SPREAD, Connectivity, MOST_DOUBLED, Params};
 use super::sides::Sides;
 use super::steering::{Steered, Steering};
+use super::turns::Window;
 use super::view::View;
 use alloc::vec::Vec;
 use core::hash::Hash;
@@ -300,7 +301,7 @@ impl Candidates {
 
     fn add(&mut self, v: View<'_>, all: bool, (b, slot): (&Beacon, usize), support: Face, heading: Face) {
         // The support cannot see what stands over its edge.
-        let is_edge = b.supports & heading.bit() == 0;
+        let is_edge = (b.supports | b.dead) & heading.bit() == 0;
         let behind = match (v.sides.is_touching(heading), v.peer(heading)) {
             (false, _) => None,
             (true, Some(peer)) if v.sides.is_open(heading) => Some(peer.id),
@@ -373,6 +374,10 @@ impl Cube {
             self.planner.decide_at = now + self.own.params().advertise;
             return;
         }
+        if self.may_carry(now) {
+            self.planner.decide_at = now + self.own.params().advertise;
+            return;
+        }
         if self.own.role == Role::Reserve {
             if let Err(held) = self.may_leave(now) {
                 self.planner.waits_for = held.0;
@@ -388,12 +393,13 @@ impl Cube {
         if is_called {
             // Until the next motion is possible, each neighbour message decides again.
             if let Some(motion) = self.called_motion() {
-                self.begin_attempt(now, motion);
+                self.begin_in_turn(now, motion);
             }
             return;
         }
         let v = View { now, own: &self.own, sides: &self.sides };
-        let candidates = Candidates::around(v, steered.is_some());
+        let surveys = self.may_survey();
+        let candidates = Candidates::around(v, steered.is_some() || surveys);
         if candidates.corners != self.planner.corners_seen && self.own.role == Role::Walker {
             hit(CoveragePoint::CubeCornerSeen);
             self.planner.corners_seen = candidates.corners;
@@ -407,7 +413,22 @@ impl Cube {
             }
             _ => self.planner.choose(v, &candidates, &mut self.rng),
         };
-        if let Some(motion) = motion {
+        if !candidates.known.is_empty() {
+            self.surveyor.reset(now);
+        }
+        let is_lost = surveys && candidates.known.is_empty();
+        if let Some(motion) = if is_lost { self.survey(now, &candidates) } else { motion } {
+            self.begin_in_turn(now, motion);
+        }
+    }
+
+    /// Begins to ask for a motion, or waits for its turn.
+    fn begin_in_turn(&mut self, now: Time, motion: Motion) {
+        let Window { from, until } = self.turn(now, motion);
+        if now < from {
+            // It decides again, since the next beacon may tell something new.
+            self.planner.decide_at = self.planner.decide_at.min(from);
+        } else if now <= until {
             self.begin_attempt(now, motion);
         }
     }
@@ -444,6 +465,8 @@ impl Cube {
             Refusal::Stale => hit(CoveragePoint::CubeRefusedStale),
             Refusal::Moving => {}
         }
+        let is_certain = why == Refusal::Blocked && self.sides.is_certified_dead(attempt.motion.support);
+        self.surveyor.on_failed(self.own.cell, attempt.motion, is_certain);
         self.give_back(attempt);
         self.planner.count_denial();
         self.planner.back_off(now, self.own.params(), &mut self.rng);
@@ -451,6 +474,7 @@ impl Cube {
 
     /// Forgets the old neighbourhood at a new cell.
     fn arrive(&mut self, now: Time, cell: Cell) {
+        self.surveyor.on_arrival(now, self.own.cell, cell);
         let own = &mut self.own;
         (own.cell, own.settled, own.restarted, own.role) = (cell, now, false, Role::Reserve);
         (own.activator, own.support) = (None, None);

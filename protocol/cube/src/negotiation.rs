@@ -48,7 +48,7 @@ pub(super) struct Attempt {
 impl Cube {
     pub(super) fn begin_attempt(&mut self, now: Time, motion: Motion) {
         let token = self.tokens.next();
-        let deadline = self.latest_start(now, motion);
+        let deadline = self.latest_start(now, motion).min(self.turn(now, motion).until);
         self.attempt = Some(Attempt {
             token,
             motion,
@@ -354,13 +354,22 @@ impl Cube {
         let held = if is_checked { self.may_leave(now).err() } else { None };
         let fenced = !self.own.has(Defect::NoDeadline);
         let late = fenced && self.attempt.as_ref().is_some_and(|a| now > a.deadline);
+        // A neighbour may have fallen silent meanwhile.
+        let turn = self.attempt.as_ref().map(|a| self.turn(now, a.motion));
+        let is_its_turn = turn.is_some_and(|turn| turn.from <= now && now <= turn.until);
+        // Or another module have come to rest on this one.
+        if !is_its_turn || (!self.own.is_closed && self.may_carry(now)) {
+            hit(CoveragePoint::CubeOutOfTurn);
+            return self.abort_attempt(now, None);
+        }
         if held.is_some() || late {
             hit(if late { CoveragePoint::CubeTooLate } else { CoveragePoint::CubeHeldAtLaunch });
             return self.abort_attempt(now, held.and_then(|h| h.0));
         }
         if let Some(attempt) = self.attempt.take() {
-            let not_after = if fenced { attempt.deadline } else { Time::NEVER };
             let motion = attempt.motion;
+            let until = turn.map_or(Time::NEVER, |turn| turn.until);
+            let not_after = if fenced { attempt.deadline.min(until) } else { Time::NEVER };
             self.out.push(Output::Act(super::Move { motion, not_after }));
             self.moving = Some(attempt);
             self.invalidate();
@@ -413,6 +422,7 @@ impl Cube {
     /// Aborts the current attempt: releases its grants and backs off. `blocker` is the module in the way, if known.
     pub(super) fn abort_attempt(&mut self, now: Time, blocker: Option<ModuleId>) {
         if let Some(attempt) = self.attempt.take() {
+            self.surveyor.on_failed(self.own.cell, attempt.motion, false);
             self.give_back(&attempt);
             self.planner.waits_for = blocker;
             self.planner.count_denial();

@@ -58,6 +58,8 @@ pub struct Params {
     pub hold: Span,
     /// How long a neighbour may be silent before it is suspected dead.
     pub suspect: Span,
+    /// How long a module of a body with dead modules hears of no target before it looks for one itself.
+    pub survey_after: Span,
     /// How long a lock or reservation lasts: at least eight usual delays and one move.
     pub lease: Span,
     /// The largest relative drift of clocks against each other: time gained or lost per time passed.
@@ -100,6 +102,7 @@ impl Params {
             refresh: heartbeat * 2,
             hold: heartbeat * 8,
             suspect: heartbeat * 10,
+            survey_after: heartbeat * 8,
             lease,
             drift: Ratio::new(1, 50).expect("invariant: 1/50 is a ratio"),
             skew: Span::ZERO,

@@ -14,6 +14,8 @@
 //!
 //! Also here: the published rule without registration, for comparison.
 
+mod last_words;
+
 use super::control::CustodyAnnouncement;
 use super::custody::{self, Custody};
 use super::message::{Beacon, Claim, Rank, Role};
@@ -170,16 +172,26 @@ impl ParentForest {
             return false;
         }
         let mut is_news = false;
+        // A module that stays for one dead neighbour can hold all others as well.
+        let stays = self.stays_for_any(v);
         for face in Face::ALL.into_iter().filter(|f| !v.died_finalized(*f)) {
-            let Some(died) = self.custody.died(face).filter(|_| !self.custody.is_announced(face)) else {
+            let Some(died) = self.custody.died(face).filter(|_| !self.custody.is_released(v, face)) else {
                 continue;
             };
             let may_hold = || v.own.connectivity() == Connectivity::Forest;
-            let holds = v.own.role == Role::Final || (may_hold() && self.held_by(v, face).is_some());
+            let is_held = || {
+                self.custody.is_announced(face)
+                    || self.held_by(v, face).is_some()
+                    || (stays && !self.is_fixed(v, face))
+            };
+            let holds = v.own.role == Role::Final || (may_hold() && is_held());
             if holds && self.is_above_dead(v, face, died) {
-                hit(CoveragePoint::CubeCustodyAnnounced);
-                self.custody.announce(face);
-                is_news = true;
+                // A later confirmation is announced as well, so that others can let go for it.
+                let is_first = self.custody.announce(face, self.rank.rooted);
+                if is_first {
+                    hit(CoveragePoint::CubeCustodyAnnounced);
+                }
+                is_news |= is_first;
             }
         }
         is_news
@@ -286,6 +298,7 @@ impl ParentForest {
         let before = (self.parent, self.rank, self.want, self.renew);
         match self.dead_root(v) {
             Some(face) if is_idle => self.hang_on_dead(v, face),
+            None if is_idle && self.hang_on_connected() => {}
             _ => self.tend_parent(v, is_idle, tokens),
         }
         let is_same = before == (self.parent, self.rank, self.want, self.renew);
@@ -299,8 +312,7 @@ impl ParentForest {
             return None;
         }
         let is_root = |f: &Face| {
-            v.died_finalized(*f)
-                || self.custody.is_fixed(*f)
+            self.is_fixed(v, *f)
                 || (v.sides.is_certified_dead(*f) && v.peer(*f).is_some_and(|b| v.is_final(b)))
         };
         self.parent.into_iter().chain(Face::ALL).find(is_root)
@@ -317,6 +329,23 @@ impl ParentForest {
         }
         (self.want, self.renew) = (None, Time::ZERO);
         self.renew_root(v);
+    }
+
+    /// Takes a dead neighbour as the parent that hangs together with the finalized modules over other dead ones, preferably the
+    /// parent: no living module has to stay for that. The path over it is as new as that is certain. Returns false if there is no
+    /// such neighbour.
+    fn hang_on_connected(&mut self) -> bool {
+        let connected = |face: Face| Some((self.custody.connected(face)?, face));
+        let latest = || Face::ALL.into_iter().filter_map(connected).max_by_key(|(at, _)| *at);
+        let Some((at, face)) = self.parent.and_then(connected).or_else(latest) else { return false };
+        let rank = Rank { rooted: at, label: 1 };
+        if rank.is_above(self.rank) {
+            (self.rank, self.parent) = (rank, Some(face));
+        } else if self.parent != Some(face) {
+            return false;
+        }
+        (self.want, self.renew) = (None, Time::ZERO);
+        true
     }
 
     fn tend_parent(&mut self, v: View<'_>, is_idle: bool, tokens: &mut Tokens) {
@@ -417,13 +446,13 @@ impl ParentForest {
     }
 
     /// Returns true if the neighbour that sent `b` is worth having as parent: it leads to a lower label, any parent is
-    /// better than the present one, or it is steadier. A module that may have been finalized before its restart
-    /// stays permanently, so its parent should be one that stays as well.
+    /// better than the present one, it is steadier, or it stays anyway. A module that may have been finalized before its
+    /// restart stays permanently, so its parent should be one that stays as well.
     fn is_worth_it(&self, v: View<'_>, b: &Beacon, needs_parent: bool) -> bool {
         let stays = |f: Face| v.peer(f).is_none_or(|p| p.final_hops != Beacon::NO_FINAL);
         let is_steadier =
             v.may_be_final() && b.final_hops < v.final_hops() && !self.parent.is_some_and(stays);
-        b.rank.below().label < self.rank.label || needs_parent || is_steadier
+        b.rank.below().label < self.rank.label || needs_parent || is_steadier || self.is_shared(v, b)
     }
 
     fn look_for_parent(&mut self, v: View<'_>, tokens: &mut Tokens) {
@@ -438,13 +467,13 @@ impl ParentForest {
                 && self.parent != Some(face)
                 && self.is_worth_it(v, b, needs_parent);
             if usable && b.rank.is_above(self.rank) {
-                let offer = (b.rank.label, face);
-                best = Some(best.map_or(offer, |other: (u16, Face)| other.min(offer)));
+                let offer = (b.rank.label, !last_words::stays_for_dead(b), face);
+                best = Some(best.map_or(offer, |other: (u16, bool, Face)| other.min(offer)));
             } else {
                 is_refused |= usable;
             }
         }
-        self.renew = if let Some((_, face)) = best {
+        self.renew = if let Some((.., face)) = best {
             if self.parent.is_some() && needs_parent {
                 hit(CoveragePoint::CubeParentSuspected);
             }
@@ -507,6 +536,9 @@ impl ParentForest {
         }
         if v.sides.is_certified_dead(face) && v.own.connectivity() == Connectivity::Cycles {
             // A cycle keeps it connected.
+            return None;
+        }
+        if self.is_fixed(v, face) && custody::believes(v) && self.child(face).is_none() {
             return None;
         }
         if self.custody.is_announced(face) && !v.has(Defect::ForgetSaid) {

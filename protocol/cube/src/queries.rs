@@ -5,7 +5,7 @@ use super::epoch::Epoch;
 use super::message::{Entry, Rank, Role};
 use super::params::Connectivity;
 use super::parent_forest::UNLABELLED;
-use super::{Cube, Successor, custody};
+use super::{Cube, Successor};
 use alloc::vec::Vec;
 use metamorph_core::ids::{ModuleId, Session};
 use metamorph_core::lattice::{Cell, Face};
@@ -68,10 +68,6 @@ impl Cube {
         let custody = self.forest.custody();
         custody.died(face).filter(|_| custody.is_announced(face))
     }
-    /// Returns the module's place in the order of holders of a dead neighbour.
-    pub fn custody_key(&self) -> CustodyKey {
-        custody::own_key(self.view(self.own.settled))
-    }
     /// Returns true if the module stays because of the neighbour on a face, or stays anyway.
     pub fn keeps(&self, now: Time, face: Face) -> bool {
         let v = self.view(now);
@@ -83,6 +79,15 @@ impl Cube {
                 stays || self.forest.holds(v, face)
             }
         }
+    }
+    /// Returns the module's place in the order of holders, as it has announced it for the dead neighbour on a face; `None` if it has
+    /// announced nothing, or let go.
+    pub fn custody_key(&self, face: Face) -> Option<CustodyKey> {
+        self.forest.custody().own(self.view(self.own.settled), face)
+    }
+    /// Returns true if the controller leads the module somewhere.
+    pub fn is_called(&self) -> bool {
+        self.called.is_some()
     }
     /// Returns the number of registered children.
     pub fn children(&self) -> usize {

@@ -27,11 +27,11 @@ impl Cube {
         let own = &self.own;
         let is_seed = own.role == Role::Final && own.masks.seed;
         let subtree = if is_seed { self.subtree(now) } else { 0 };
-        let custody = self.forest.custody().announced();
+        let (custody, confirmed) = self.forest.custody().announced(self.view(now));
         let carries = self.carries_for_call();
         let urgent = self.reporter.reported.is_none_or(|r| {
             (r.epoch, r.role, r.immobile) != (own.epoch, own.role, own.immobile)
-                || (r.carries, r.custody) != (carries, custody)
+                || (r.carries, r.custody, r.confirmed) != (carries, custody, confirmed)
                 || (is_seed && r.subtree != subtree)
         });
         let rested = now.since(self.reporter.reported_at) >= own.params().heartbeat;
@@ -52,6 +52,7 @@ impl Cube {
             waits_for: self.planner.waits_for,
             carries,
             custody,
+            confirmed,
         };
         if self.reporter.reported != Some(status) {
             (self.reporter.reported, self.reporter.reported_at) = (Some(status), now);

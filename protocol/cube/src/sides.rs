@@ -34,7 +34,7 @@ pub(super) struct Sides {
     /// Neighbours that are certified dead.
     certified_dead: u8,
     sessions: [Option<Session>; 6],
-    /// When each neighbour was last heard.
+    /// When each neighbour was last heard or, if it has not been heard in this session, when the session began.
     heard_at: [Time; 6],
     /// The first instant at which a live neighbour has been silent for too long.
     silent_at: Time,
@@ -74,7 +74,7 @@ impl Sides {
     pub fn peer(&self, face: Face) -> Option<&Beacon> {
         self.peers[face.index()].as_ref()
     }
-    /// Returns when the neighbour on a face was last heard; zero if it was not.
+    /// Returns when the neighbour on a face was last heard or, if it was not, when its session began.
     pub fn heard_at(&self, face: Face) -> Time {
         self.heard_at[face.index()]
     }
@@ -137,12 +137,19 @@ impl Sides {
         self.masks.touching & !self.masks.heard & !self.certified_dead != 0
     }
 
+    /// Returns true if a neighbour has not been heard for longer than `patience` since its session began, and is not certified
+    /// dead.
+    pub fn any_unheard_for(&self, now: Time, patience: Span) -> bool {
+        let unheard = self.masks.touching & !self.masks.heard & !self.certified_dead;
+        Face::in_mask(unheard).any(|f| now.since(self.heard_at[f.index()]) > patience)
+    }
+
     /// Begins a session, or ends it if `session` is `None`; forgets everything about the previous neighbour.
-    pub fn begin(&mut self, face: Face, session: Option<Session>) {
+    pub fn begin(&mut self, now: Time, face: Face, session: Option<Session>) {
         let i = face.index();
         self.sessions[i] = session;
         self.peers[i] = None;
-        self.heard_at[i] = Time::ZERO;
+        self.heard_at[i] = now;
         self.died_final[i] = None;
         self.certified_dead &= !face.bit();
         let m = &mut self.masks;

@@ -97,6 +97,8 @@ pub(super) struct Own {
     pub support: Option<Face>,
     /// True if too many actions of its body have failed in a row.
     pub immobile: bool,
+    /// True if a module of the body has died, as far as this one has heard.
+    pub knows_of_death: bool,
     /// Derived from goal and cell.
     pub masks: GoalMasks,
 }

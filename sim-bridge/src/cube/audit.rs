@@ -1,7 +1,8 @@
 //! Invariants of cubes that involve agents and the world.
 
 use crate::cube::invariants::{
-    self, FIELD_LOOP_FREE, FINAL_GROWS, MOVER_HAS_NO_DEPENDANTS, MOVES_ALONE, PARENT_DESCENDS, RESERVED_ONCE,
+    self, FIELD_LOOP_FREE, FINAL_GROWS, LANDING_STAYS, MOVER_HAS_NO_DEPENDANTS, MOVES_ALONE, PARENT_DESCENDS,
+    RESERVED_ONCE,
 };
 use crate::cube::world::CubeWorld;
 use metamorph_kernel::kernel::audited::{Agents, Audited};
@@ -249,7 +250,19 @@ impl Audited for CubeWorld {
             && !grantor.is_listening(agents.clock(landing).local(now))
             && !grantor.may_be_final(agents.clock(landing).local(now))
         {
-            let granted = grantor.locked_for(id).map(|until| agents.clock(landing).global(until));
+            let clock = agents.clock(landing);
+            let granted = grantor.locked_for(id).map(|until| clock.global(until));
+            // A stopped module may have kept a grant that has ended.
+            let ends = now + self.move_time();
+            if granted.is_none_or(|until| until < ends)
+                && !cube.is_called()
+                && let Some(dead) = self.dead_support(id, agents)
+            {
+                let (begins, ends) = (clock.local(now), clock.local(ends));
+                // An agent that has not heard of the contact with the dead one cannot begin a move, and listens when it has.
+                let stays = !self.has_heard_of(grantor, landing, dead) || grantor.stays_in_turn(begins, ends);
+                return note(found, LANDING_STAYS, now, id, invariants::landing_stays(stays));
+            }
             let check = move_within_lease(now, self.move_time(), granted);
             note(found, MOVE_WITHIN_LEASE, now, id, check);
         }

@@ -331,6 +331,7 @@ pub(super) mod tests {
             waits_for: waits_for.map(ModuleId),
             carries: None,
             custody: [Time::ZERO; 6],
+            confirmed: Time::ZERO,
         }
     }
 

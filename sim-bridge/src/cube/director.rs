@@ -190,9 +190,9 @@ impl Director {
     }
 
     /// Certifies deaths, and forwards who holds the dead.
-    fn tell_of_the_dead(&mut self, world: &CubeWorld) {
+    fn tell_of_the_dead(&mut self, now: Time, world: &CubeWorld) {
         let (epoch, seed) = (self.opening.epoch, self.goal().seed());
-        self.registrar.tell(world, &self.known, epoch, seed, &mut self.monitor.commands);
+        self.registrar.tell(now, world, &self.known, epoch, seed, &mut self.monitor.commands);
     }
 
     /// Counts the goal cells that are filled. Returns true if all are.
@@ -447,7 +447,7 @@ impl DirectorPort<CubeWorld> for Director {
         while let Some(fault) = self.monitor.faults.due(now) {
             self.inject(now, fault, world);
         }
-        self.tell_of_the_dead(world);
+        self.tell_of_the_dead(now, world);
         self.watch(now, world);
     }
 

@@ -21,12 +21,15 @@ pub const MOVER_HAS_NO_DEPENDANTS: Invariant = Invariant::new("mover-has-no-depe
 pub const FIELD_LOOP_FREE: Invariant = Invariant::new("field-loop-free");
 /// Each module keeps a cell for at most one other.
 pub const RESERVED_ONCE: Invariant = Invariant::new("reserved-once");
-/// A dead module touches one that stays for it: it is finalized, or cannot let go of it.
+/// A dead module, or one of those that hang together with it, touches a module that stays for it: it is finalized, or cannot
+/// let go of it.
 pub const DEAD_HELD: Invariant = Invariant::new("dead-held");
 /// The holder of a dead module does not hang on it: it is finalized, or has the better rank.
 pub const HOLDER_DESCENDS: Invariant = Invariant::new("holder-descends");
-/// The best holder of a dead module that ever announced itself, for one death and goal, stays.
+/// The best of all holders of a cluster of dead modules that have announced themselves, for one goal, stays.
 pub const BEST_HOLDER_STAYS: Invariant = Invariant::new("best-holder-stays");
+/// A module slides from a dead one onto a module that does not leave meanwhile.
+pub const LANDING_STAYS: Invariant = Invariant::new("landing-stays");
 /// In a closed epoch nothing moves but the called module.
 pub const MOVES_ALONE: Invariant = Invariant::new("moves-alone");
 
@@ -36,6 +39,11 @@ pub fn moves_alone(others: &[ModuleId]) -> Result<(), String> {
         None => Ok(()),
         Some(other) => Err(format!("it moves in a closed epoch while module {other} moves")),
     }
+}
+
+/// Checks [`LANDING_STAYS`] for one slide: whether the module that it ends on waits for its turn until then.
+pub fn landing_stays(stays: bool) -> Result<(), String> {
+    if stays { Ok(()) } else { Err("it slides from a dead module onto one that may leave meanwhile".into()) }
 }
 
 /// Checks [`DEAD_HELD`] for one dead module, by the number of its neighbours that stay for it.
@@ -54,9 +62,9 @@ pub fn holder_descends(holder: Option<Rank>, dead: Option<Rank>) -> Result<(), S
     }
 }
 
-/// Checks [`BEST_HOLDER_STAYS`] for the best holder of one death.
+/// Checks [`BEST_HOLDER_STAYS`] for the best holder of one cluster.
 pub fn best_holder_stays(stays: bool) -> Result<(), String> {
-    if stays { Ok(()) } else { Err("it let go of a dead module, and was its best holder".into()) }
+    if stays { Ok(()) } else { Err("its best holder let go of it, and it is dead".into()) }
 }
 
 /// Checks [`PARENT_DESCENDS`] for one child: its rank, its parent's rank, and whether the parent has
@@ -134,17 +142,23 @@ mod tests {
     }
 
     #[test]
+    fn best_holder_stays_fires() {
+        assert!(best_holder_stays(true).is_ok());
+        assert!(best_holder_stays(false).is_err());
+    }
+
+    #[test]
+    fn landing_stays_fires() {
+        assert!(landing_stays(true).is_ok());
+        assert!(landing_stays(false).is_err());
+    }
+
+    #[test]
     fn holder_descends_fires() {
         let rank = |rooted, label| Some(Rank { rooted: Time(rooted), label });
         assert!(holder_descends(None, rank(2, 3)).is_ok() && holder_descends(rank(2, 3), None).is_ok());
         assert!(holder_descends(rank(2, 9), rank(1, 1)).is_ok());
         assert!(holder_descends(rank(1, 1), rank(2, 9)).is_err());
-    }
-
-    #[test]
-    fn best_holder_stays_fires() {
-        assert!(best_holder_stays(true).is_ok());
-        assert!(best_holder_stays(false).is_err());
     }
 
     #[test]

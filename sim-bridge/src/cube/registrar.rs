@@ -1,5 +1,6 @@
 //! The registrar: certifies deaths to all modules that touch a dead one, and forwards the announcement of its
-//! best holder to them, so that the others may detach. It only forwards; safety is that of the announcements.
+//! best holder to them, so that the others may detach. It vouches for what is dead and which of the dead touch each other; all else
+//! is up to those that announce and those that hear of it.
 
 use crate::cube::diagnosis::Known;
 use crate::cube::world::CubeWorld;
@@ -8,8 +9,9 @@ use metamorph_protocol::cube::epoch::Epoch;
 use metamorph_protocol::cube::message::Role;
 use metamorph_protocol::ids::{ModuleId, Session};
 use metamorph_protocol::lattice::{Cell, Face};
-use metamorph_protocol::runtime::Command;
+use metamorph_protocol::runtime::{Command, Contact};
 use metamorph_protocol::time::{Span, Time};
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 #[derive(Clone, Debug, Hash)]
@@ -19,9 +21,30 @@ struct Death {
     told: BTreeSet<Session>,
     /// The epoch and the cell of the dead body that `best` is valid for; a body may come to rest after its death.
     of: (Epoch, Option<Cell>),
-    best: Option<(CustodyKey, CustodyAnnouncement)>,
-    /// The contacts whose module has been informed of the best holder.
-    informed: BTreeSet<Session>,
+    /// The best holder of the dead module, or of those that hang together with it.
+    best: Option<Offer>,
+    /// The contacts whose module has been informed of a holder, and of which one last.
+    informed: BTreeMap<Session, Offer>,
+}
+
+/// A holder that a dead module can count on; the least is the best. A finalized holder that touches the dead module comes before
+/// others, since it makes the dead module a root.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+struct Offer {
+    is_loose: bool,
+    is_apart: bool,
+    key: CustodyKey,
+}
+
+impl Offer {
+    /// Returns the offer of a holder to a dead module. That a finalized one holds it over others of the dead is certain at the time `sure`.
+    fn of(mut key: CustodyKey, dead: Cell, sure: Option<Time>) -> Option<Offer> {
+        let is_apart = key.cell.manhattan(dead) != 1;
+        if !key.is_loose && is_apart {
+            key.confirmed = Reverse(sure?);
+        }
+        Some(Offer { is_loose: key.is_loose, is_apart, key })
+    }
 }
 
 /// The deaths of a run.
@@ -30,6 +53,8 @@ pub struct Registrar {
     deaths: BTreeMap<ModuleId, Death>,
     /// The time of the last death. Every death gets a later time than the one before, so times identify deaths.
     last: Time,
+    /// A time since which nothing has died or been started, if one is known: what hangs together over the dead has done so at that time.
+    sure: Option<Time>,
     /// The latest reports of the modules that announce that they hold dead ones.
     news: BTreeMap<ModuleId, Status>,
 }
@@ -38,20 +63,24 @@ impl Registrar {
     /// Notes the death of a module.
     pub fn died(&mut self, now: Time, id: ModuleId) {
         self.last = now.max(self.last + Span(1));
-        let (told, informed) = (BTreeSet::new(), BTreeSet::new());
-        self.deaths
-            .insert(id, Death { died: self.last, told, of: (Epoch::default(), None), best: None, informed });
+        self.sure = None;
+        let (told, informed) = (BTreeSet::new(), BTreeMap::new());
+        let of = (Epoch::default(), None);
+        self.deaths.insert(id, Death { died: self.last, told, of, best: None, informed });
         self.news.remove(&id);
     }
     /// Notes that a module was started. Returns true if it had died before.
     pub fn started(&mut self, id: ModuleId) -> bool {
+        self.sure = None;
         self.news.remove(&id);
+        // Others may have hung together over it.
+        self.deaths.values_mut().for_each(|death| death.best = None);
         self.deaths.remove(&id).is_some()
     }
-    /// Returns the cell of the finalized module that holds a dead one, so that the dead one stays connected for the present goal.
+    /// Returns the cell of the finalized module that touches a dead one, so that the dead one stays connected for the present goal.
     pub fn held_for_good_by(&self, id: ModuleId) -> Option<Cell> {
-        let (key, _) = self.deaths.get(&id)?.best?;
-        (!key.is_loose).then_some(key.holder)
+        let best = self.deaths.get(&id)?.best?;
+        (!best.is_loose && !best.is_apart).then_some(best.key.cell)
     }
     /// Takes in a report. Returns true if the module announces in it that it holds a dead one.
     pub fn has_news(&mut self, id: ModuleId, report: &Status) -> bool {
@@ -68,71 +97,112 @@ impl Registrar {
     /// cannot come back in that contact session; and which module holds it, if one has announced that.
     pub fn tell(
         &mut self,
+        now: Time,
         world: &CubeWorld,
         known: &[Known],
         epoch: Epoch,
         seed: Cell,
         commands: &mut VecDeque<Command<Order>>,
     ) {
+        // Growth starts in the seed cell, so a dead module there is the root, whatever it has reported.
+        let was_final = |id: ModuleId| known[id.index()].is_final(epoch) || world.cell(id) == seed;
         for (victim, death) in &mut self.deaths {
             let of = (epoch, Some(world.cell(*victim)));
-            // Growth starts in the seed cell, so a dead module there is the root, whatever it has reported.
-            let finalized = known[victim.index()].is_final(epoch) || world.cell(*victim) == seed;
             if death.of != of {
                 (death.of, death.best) = (of, None);
                 death.informed.clear();
-                if finalized {
+                if was_final(*victim) {
                     death.told.clear();
                 }
             }
+        }
+        if self.sure.is_none() && now > self.last {
+            self.sure = Some(now);
+        }
+        self.find_holders(world, epoch, seed, &was_final);
+        for (victim, death) in &mut self.deaths {
             // A body that is still moving is held by none, and nothing may hang on it or move over it before it is at
             // rest.
             if world.is_moving(*victim) {
                 continue;
             }
-            death.take_up(world, *victim, &self.news, seed);
-            for contact in Face::ALL.into_iter().filter_map(|f| world.contact(*victim, f)) {
+            let contacts: Vec<Contact> =
+                Face::ALL.into_iter().filter_map(|f| world.contact(*victim, f)).collect();
+            let is_present = |session: &Session| contacts.iter().any(|contact| contact.session == *session);
+            death.told.retain(is_present);
+            death.informed.retain(|session, _| is_present(session));
+            for contact in contacts {
                 let (port, session, peer) = (contact.peer_port, contact.session, contact.peer);
                 if death.told.insert(session) {
-                    let died = death.died;
+                    let (died, finalized) = (death.died, was_final(*victim));
                     let order = Order::Condemn { port, session, epoch, finalized, died };
                     commands.push_back(Command::Order(peer, order));
                 }
-                if let Some((key, best)) = death.best
-                    && key.holder != world.cell(peer)
-                    && death.informed.insert(session)
-                {
-                    commands.push_back(Command::Order(peer, Order::Custody(best)));
+                let Some(best) = death.best.filter(|best| best.key.cell != world.cell(peer)) else {
+                    continue;
+                };
+                // A module that does not hold the dead one needs no better holder, unless that makes the dead one a root.
+                let needs = || !best.is_loose || holder(&self.news, epoch, contact, death.died).is_some();
+                if death.informed.get(&session).is_none_or(|told| best < *told && needs()) {
+                    death.informed.insert(session, best);
+                    let (dead, died) = (world.cell(*victim), death.died);
+                    let of = CustodyAnnouncement { dead, died, epoch, holder: best.key };
+                    commands.push_back(Command::Order(peer, Order::Custody(of)));
                 }
+            }
+        }
+    }
+
+    /// Finds the best holder of every dead module at rest: a module that has announced that it holds it, or another one that hangs
+    /// together with it over dead modules. The announcement counts for those of them that died before the path of the
+    /// holder was confirmed. A dead module that was finalized holds all that hang together with it.
+    fn find_holders(
+        &mut self,
+        world: &CubeWorld,
+        epoch: Epoch,
+        seed: Cell,
+        was_final: &impl Fn(ModuleId) -> bool,
+    ) {
+        let resting = |id: &ModuleId| !world.is_moving(*id);
+        let mut offers: Vec<(CustodyKey, ModuleId)> = Vec::new();
+        for (victim, death) in self.deaths.iter().filter(|(id, _)| resting(id)) {
+            if was_final(*victim) {
+                offers.push((CustodyKey::new(world.cell(*victim), true, Time::ZERO, seed), *victim));
+            }
+            for contact in Face::ALL.into_iter().filter_map(|f| world.contact(*victim, f)) {
+                if let Some(status) = holder(&self.news, epoch, contact, death.died) {
+                    let (cell, is_final) = (world.cell(contact.peer), status.role == Role::Final);
+                    offers.push((CustodyKey::new(cell, is_final, status.confirmed, seed), *victim));
+                }
+            }
+        }
+        offers.sort_unstable();
+        let mut found: BTreeMap<ModuleId, CustodyKey> = BTreeMap::new();
+        for (key, victim) in &offers {
+            let mut front = vec![*victim];
+            while let Some(at) = front.pop() {
+                let holds = self.deaths.get(&at).is_some_and(|death| key.is_after(death.died));
+                if !holds || !resting(&at) || found.contains_key(&at) {
+                    continue;
+                }
+                found.insert(at, *key);
+                front.extend(world.cell(at).neighbours().into_iter().filter_map(|c| world.body_at(c)));
+            }
+        }
+        let direct = offers.iter().filter(|(key, _)| !key.is_loose);
+        for (victim, key) in found.into_iter().chain(direct.map(|(key, victim)| (*victim, *key))) {
+            if let Some(death) = self.deaths.get_mut(&victim)
+                && let Some(offer) = Offer::of(key, world.cell(victim), self.sure)
+            {
+                death.best = Some(death.best.map_or(offer, |best| best.min(offer)));
             }
         }
     }
 }
 
-impl Death {
-    /// Replaces the best announcement if the latest reports hold a better one.
-    fn take_up(
-        &mut self,
-        world: &CubeWorld,
-        victim: ModuleId,
-        news: &BTreeMap<ModuleId, Status>,
-        seed: Cell,
-    ) {
-        let (epoch, dead) = (self.of.0, world.cell(victim));
-        for face in Face::ALL {
-            let Some(contact) = world.contact(victim, face) else { continue };
-            let port = usize::from(contact.peer_port.0);
-            let Some(status) = news.get(&contact.peer).filter(|s| s.epoch == epoch) else { continue };
-            if status.custody.get(port) != Some(&self.died) {
-                continue;
-            }
-            let is_final = status.role == Role::Final;
-            let announcement = CustodyAnnouncement { dead, died: self.died, epoch, face, is_final };
-            let key = announcement.key(seed);
-            if self.best.is_none_or(|(best, _)| key < best) {
-                self.best = Some((key, announcement));
-                self.informed.clear();
-            }
-        }
-    }
+/// Returns the latest report of the module behind a contact of a dead one, if it announces there that it holds the dead module
+/// that died at `died`.
+fn holder(news: &BTreeMap<ModuleId, Status>, epoch: Epoch, contact: Contact, died: Time) -> Option<&Status> {
+    let status = news.get(&contact.peer).filter(|s| s.epoch == epoch)?;
+    (status.custody.get(usize::from(contact.peer_port.0)) == Some(&died)).then_some(status)
 }

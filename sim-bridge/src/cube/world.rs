@@ -148,6 +148,10 @@ impl CubeWorld {
         self.bodies[id.index()].under_way = before;
         connected
     }
+    /// Returns the motion of a module under way.
+    pub fn motion(&self, id: ModuleId) -> Option<Motion> {
+        self.bodies[id.index()].under_way.map(|progress| progress.motion)
+    }
     /// Returns the duration of a move.
     pub fn move_time(&self) -> Span {
         self.move_time

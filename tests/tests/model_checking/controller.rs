@@ -15,7 +15,7 @@ pub trait Controller<W: World>: Clone + Hash + Send + Sync {
     /// Takes up a report.
     fn report(&mut self, id: ModuleId, report: &<W::Agent as Agent>::Report);
     /// Returns the orders that follow.
-    fn orders(&mut self, world: &W) -> Vec<(ModuleId, <W::Agent as Agent>::Order)>;
+    fn orders(&mut self, now: Time, world: &W) -> Vec<(ModuleId, <W::Agent as Agent>::Order)>;
 }
 
 /// No controller.
@@ -23,7 +23,7 @@ impl<W: World> Controller<W> for () {
     fn died(&mut self, _: Time, _: ModuleId) {}
     fn started(&mut self, _: ModuleId) {}
     fn report(&mut self, _: ModuleId, _: &<W::Agent as Agent>::Report) {}
-    fn orders(&mut self, _: &W) -> Vec<(ModuleId, <W::Agent as Agent>::Order)> {
+    fn orders(&mut self, _: Time, _: &W) -> Vec<(ModuleId, <W::Agent as Agent>::Order)> {
         Vec::new()
     }
 }

@@ -64,6 +64,7 @@ fn metamodules_of(count: u8, strategy: Strategy, budget: Budget) -> SwarmModel<M
             late: vec![params.turn_time, params.lease],
             pauses: vec![params.turn_time, params.lease],
             horizon: Time::ZERO + params.lease * 20,
+            dead: None,
         },
         done: |metamodule: &Metamodule| metamodule.settled().is_some(),
         needed: count.into(),
@@ -91,9 +92,9 @@ impl Controller<CubeWorld> for Certifying {
         self.known[id.index()].status = Some(*report);
         self.registrar.has_news(id, report);
     }
-    fn orders(&mut self, world: &CubeWorld) -> Vec<(ModuleId, Order)> {
+    fn orders(&mut self, now: Time, world: &CubeWorld) -> Vec<(ModuleId, Order)> {
         let mut commands = VecDeque::new();
-        self.registrar.tell(world, &self.known, Epoch::default(), self.seed, &mut commands);
+        self.registrar.tell(now, world, &self.known, Epoch::default(), self.seed, &mut commands);
         let orders = commands.into_iter().filter_map(|command| match command {
             Command::Order(id, order) => Some((id, order)),
             _ => None,
@@ -134,6 +135,7 @@ fn cubes(start: &[[i16; 3]], goal: &[[i16; 3]], budget: Budget) -> SwarmModel<Cu
             late: vec![Span(7), Span(31), Span(171)],
             pauses: vec![Span(31), Span(171)],
             horizon: Time(2_000),
+            dead: None,
         },
         done: |cube: &Cube| cube.role() == Role::Final,
         needed: goal.len(),
@@ -213,7 +215,7 @@ fn budget(set: impl Fn(&mut Budget)) -> Budget {
     budget
 }
 
-fn change(mut model: SwarmModel<CubeWorld>, set: impl Fn(&mut Params)) -> SwarmModel<CubeWorld> {
+fn change<C>(mut model: SwarmModel<CubeWorld, C>, set: impl Fn(&mut Params)) -> SwarmModel<CubeWorld, C> {
     set(&mut Arc::make_mut(&mut model.setup).params);
     model
 }
@@ -246,6 +248,43 @@ fn stopped_and_crashed_processes() {
 fn custody_of_the_dead() {
     holds("a row", certified(cubes(&ROW, &TOWER, budget(|b| b.crashed = 1))));
     holds("a plate", certified(cubes(&PLATE, &TOWER, budget(|b| b.crashed = 1))));
+}
+
+/// Four modules, of which the second has just died: the first is the seed below it, and the others touch the dead one only. One
+/// stands on it and slides onto the other on its way down, which may leave as well.
+fn around_the_dead(budget: Budget) -> SwarmModel<CubeWorld, Certifying> {
+    let start = [[0, 0, -1], [0, 0, 0], [1, 0, 0], [0, 0, 1]];
+    let goal = [[0, 0, -1], [1, 0, -1], [2, 0, -1]];
+    let mut model = change(cubes(&start, &goal, budget), |p| {
+        // As short as they may be: a beacon comes in time, and a slide begins soon after the death.
+        p.suspect = p.heartbeat + DELAY * 2;
+        p.survey_after = MOVE;
+    });
+    model.bounds.dead = Some((ModuleId(1), Time(1), Time(12)));
+    model.bounds.pauses = (1..=10).map(|i| MOVE * i).chain([Span(400)]).collect();
+    certified(model)
+}
+
+/// A slide from a dead module ends on one that stays, although nobody has asked it: also if a process is stopped or restarted, or
+/// an order is late.
+#[test]
+fn surveys_over_the_dead() {
+    for budget in [budget(|b| b.paused = 1), budget(|b| b.restarted = 1), budget(|b| b.late = 1)] {
+        let found = explore("around the dead", around_the_dead(budget), 5_000_000);
+        assert_eq!(found.unsafe_run, None);
+        assert!(found.built && found.complete);
+    }
+}
+
+/// Without turns, the module that is landed on leaves meanwhile; with one colour, it slides away in the same slot.
+#[test]
+fn missing_turns_are_found() {
+    for defect in [Defect::IgnoreTurns, Defect::OneColour] {
+        let model = around_the_dead(budget(|b| b.paused = 1));
+        let found = explore(&format!("{defect:?}"), change(model, |p| p.defect = Some(defect)), 200_000);
+        let run = found.unsafe_run.expect("the checker does not see that the landing leaves");
+        println!("{run}");
+    }
 }
 
 /// Metamodules and as many seeds, without a controller.

@@ -59,6 +59,9 @@ pub struct Bounds {
     pub pauses: Vec<Span>,
     /// The end of the exploration, unless the goal is built before.
     pub horizon: Time,
+    /// A process that is killed before the exploration begins, when, and when the exploration begins. Until then nothing
+    /// deviates.
+    pub dead: Option<(ModuleId, Time, Time)>,
 }
 
 /// A small swarm.
@@ -275,13 +278,31 @@ where
             world: Arc::new(world),
             processes: Processes(processes),
             under_way: Vec::new(),
-            left: self.bounds.budget,
+            left: Budget::default(),
             broken: None,
             built: false,
         };
         self.settle(&mut moment);
         self.conclude(&mut moment);
+        if let Some((id, at, begins)) = self.bounds.dead {
+            moment = self.undisturbed(moment, at);
+            moment.left.crashed = 1;
+            moment = self.undisturbed(self.take(&moment, &Step::Crash(id)), begins);
+        }
+        moment.left = self.bounds.budget;
         self.hurry(moment)
+    }
+
+    /// Advances to the last event before `until` without deviations, with messages in one order.
+    fn undisturbed(&self, mut moment: Moment<W, C>, until: Time) -> Moment<W, C> {
+        while let Some(step) = self.choices(&moment).first() {
+            let next = self.take(&moment, step);
+            if next.now >= until {
+                break;
+            }
+            moment = next;
+        }
+        moment
     }
 
     fn born(
@@ -524,7 +545,7 @@ where
         while let Some((id, sensed)) = Arc::make_mut(&mut moment.world).poll() {
             self.sense(moment, id, sensed);
         }
-        for (to, order) in moment.controller.orders(&moment.world) {
+        for (to, order) in moment.controller.orders(moment.now, &moment.world) {
             let due = moment.now + self.bounds.delay;
             post(&mut moment.under_way, InFlight { due, from: None, to, load: Load::Order(order) });
         }

@@ -25,6 +25,7 @@ macro_rules! scenarios {
 }
 
 scenarios!(
+    "a-third-dies",
     "arch",
     "box",
     "box-to-chair",

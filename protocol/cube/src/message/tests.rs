@@ -3,7 +3,7 @@
 use super::*;
 use crate::body::{Move, Percept, Refusal};
 use crate::call::{Step, Walk};
-use crate::control::{CustodyAnnouncement, Order, Status};
+use crate::control::{CustodyAnnouncement, CustodyKey, Order, Status};
 use crate::epoch::{Epoch, Opening};
 use crate::route::MAX_HOPS;
 use crate::steering::Steering;
@@ -40,10 +40,14 @@ fn beacon() -> Beacon {
         supported_here: true,
         wants_you: false,
         quarantined: true,
+        knows_of_death: true,
+        spoken: 0x1011,
         final_hops: 3,
         supports: 0b11_0101,
         finals: 0b00_0001,
         filled: 0b00_0011,
+        dead: 0b01_0010,
+        fixed: 0b00_0010,
         rank: Rank { rooted: Time(0x0C0D), label: 0x0A0B },
         renew: Time(0x0E0F),
         claim: Claim::Parent(Token(0xAABB_CCDD)),
@@ -103,8 +107,7 @@ fn every_message_survives_the_wire_and_knows_its_length() {
         dead: Cell::new(1, -2, 3),
         died: Time(9),
         epoch: Epoch::first(1),
-        face: Face::Up,
-        is_final: true,
+        holder: CustodyKey::new(Cell::new(1, -2, 4), false, Time(9), Cell::new(0, 0, 0)),
     };
     let steer = |steering| Order::Steer { steering, until: Time(9) };
     let commands = [Steering::Release, Steering::Hold, Steering::GoTo(Cell::new(-1, 2, 3))].map(steer);
@@ -131,7 +134,7 @@ fn every_message_survives_the_wire_and_knows_its_length() {
 #[test]
 fn golden_beacon() {
     let bytes = Frame::seal(header(), &Message::Beacon(beacon())).to_bytes();
-    let expected: [u8; 80] = [
+    let expected: [u8; 84] = [
         4,
         3,
         2,
@@ -142,10 +145,14 @@ fn golden_beacon() {
         0,
         1,
         0,
-        0b0101_0100,
+        0b1101_0100,
         0x35,
         0x01,
         0x03,
+        0x12,
+        0x02,
+        0x11,
+        0x10,
         0x0B,
         0x0A,
         0x0D,
@@ -213,7 +220,7 @@ fn golden_beacon() {
         0,
         0,
     ];
-    assert_eq!(bytes[HEADER..HEADER + 80], expected);
+    assert_eq!(bytes[HEADER..HEADER + 84], expected);
 }
 
 #[test]

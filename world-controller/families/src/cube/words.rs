@@ -58,7 +58,7 @@ impl Worded for Cube {
                 format!("stay, and keep the cell at {} free for module {mover}", side(*face))
             }
             CubeOrder::Custody(of) => {
-                format!("the dead module at {} is held by the one at {}", of.dead, of.holder())
+                format!("the dead module at {} is held by the one at {}", of.dead, of.holder.cell)
             }
         }
     }
