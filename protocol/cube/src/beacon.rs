@@ -47,7 +47,7 @@ struct Timed {
     open: u8,
     is_quarantined: bool,
     is_stranded: bool,
-    is_called_here: bool,
+    waits_here: bool,
     /// The module has been at its cell for longer than `suspect`, and so asks its children for a path as well.
     asks_children: bool,
 }
@@ -64,8 +64,8 @@ impl Sender {
 
     /// Returns when a beacon has to be sent, and with which class.
     ///
-    /// That a module has died is no news. It is told with the next beacon that is sent for another reason: nobody waits for it
-    /// as long as a heartbeat, and a wave of beacons over the whole body would restart the wait of every distance.
+    /// That a module has died is no news. It is told with the next beacon that is sent for another reason, at the latest after a
+    /// heartbeat, which is soon enough; a wave of beacons over the whole body would restart the wait of every distance.
     fn judge(&self, now: Time, beacon: &Beacon, advertise: Span, heartbeat: Span) -> Due {
         let age = now.since(self.sent_at);
         let Some(sent) = &self.sent else { return Due::Now(Class::Liveness) };
@@ -142,7 +142,6 @@ impl Cube {
     /// (see `news_delay`), and an unchanged beacon once per `heartbeat`.
     pub(super) fn tend_beacons(&mut self, now: Time) {
         let (advertise, heartbeat) = (self.own.params().advertise, self.own.params().heartbeat);
-        let spoken = self.own.params().stamp(now);
         let (mut timed, mut common) = (None, None);
         for face in Face::in_mask(self.sides.touching_mask()) {
             let sender = &self.beacons.senders[face.index()];
@@ -173,7 +172,7 @@ impl Cube {
             };
             sender.later = None;
             sender.sequence += 1;
-            (beacon.sequence, beacon.spoken) = (sender.sequence, spoken);
+            (beacon.sequence, beacon.spoken) = (sender.sequence, self.own.params().stamp(now));
             (sender.sent, sender.sent_at) = (Some(beacon), now);
             self.out.send(&self.sides, face, class, Message::Beacon(beacon));
         }
@@ -200,7 +199,7 @@ impl Cube {
             open: self.sides.open_mask(),
             is_quarantined: self.own.is_quarantined(now),
             is_stranded: self.is_stranded(now),
-            is_called_here: self.is_called_here() || self.surveyor.awaits(),
+            waits_here: self.waits_here(),
             asks_children: now.since(self.own.settled) > self.own.params().suspect,
         }
     }
@@ -214,10 +213,7 @@ impl Cube {
             epoch: own.epoch,
             role: own.role,
             attached: self.forest.is_attached(v),
-            immobile: own.immobile
-                || self.is_stranded(now)
-                || self.is_called_here()
-                || self.surveyor.awaits(),
+            immobile: own.immobile || self.is_stranded(now) || self.waits_here(),
             supported_here: false,
             wants_you: false,
             quarantined: v.is_quarantined(),

@@ -49,7 +49,7 @@ impl Cube {
         let (v, masks) = (self.view(now), &self.own.masks);
         // A module that has restarted in its cell stays there in any case.
         let rests = now.since(self.own.settled) > v.params().out_of_turn_after;
-        let out_of_turn = self.is_called_here() || self.surveyor.awaits() || self.own.restarted || rests;
+        let out_of_turn = self.waits_here() || self.own.restarted || rests;
         let dead = v.sides.certified_mask() & if out_of_turn { masks.cells } else { masks.starters };
         if dead == 0 || !custody::is_announced(v) {
             return false;

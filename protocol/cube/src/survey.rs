@@ -150,6 +150,11 @@ impl Cube {
             && self.steered.is_none()
     }
 
+    /// Returns true if the module waits in its cell to be finalized: the controller called it there, or a survey has led there.
+    pub(super) fn waits_here(&self) -> bool {
+        self.is_called_here() || self.surveyor.awaits()
+    }
+
     /// Returns the next motion of a survey, or when to decide again. No target is known.
     pub(super) fn survey(&mut self, now: Time, candidates: &Candidates) -> Option<Motion> {
         if !self.surveyor.is_surveying() {

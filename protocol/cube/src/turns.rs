@@ -1,6 +1,6 @@
 //! Turns: when a module beside the dead may begin to move.
 //!
-//! A dead module neither leaves nor answers. A convex motion around it ends beside itself and needs nobody's consent, but a slide
+//! A dead module neither leaves nor answers. A convex motion around it ends beside itself and needs no consent, but a slide
 //! from it lands on another neighbour of the dead module, which the walker does not touch and so cannot ask to stay. Time is
 //! divided instead: it consists of frames of four slots for slides and one for departures ([`Params::slide_slot`],
 //! [`Params::departure_slot`]). A module slides from a dead one only in the slot of its own cell ([`colour`]), and one that may
@@ -152,14 +152,16 @@ impl Cube {
     /// Returns true if this is a walker with a neighbour that it has not heard, and another module may rest here that has not
     /// asked: that neighbour itself, or one that has come from it, because it is dead.
     pub(super) fn waits_for_stranger(&self, now: Time) -> bool {
+        if self.own.role != Role::Walker
+            || !self.sides.any_unheard()
+            || !self.has_turns()
+            || self.own.has(Defect::LeaveStrangers)
+        {
+            return false;
+        }
         // A contact is sensed a little later than the arrival that it begins with.
         let patience = self.own.params().first_words() / 2;
-        let may_rest_here =
-            || self.sides.any_unheard() && (self.own.knows_of_death || self.may_be_landed_on(now));
-        self.has_turns()
-            && self.own.role == Role::Walker
-            && !self.own.has(Defect::LeaveStrangers)
-            && (may_rest_here() || self.sides.any_unheard_for(now, patience))
+        self.own.knows_of_death || self.may_be_landed_on(now) || self.sides.any_unheard_for(now, patience)
     }
 
     /// Returns true if this is a walker, and another module rests on it, or may do so.

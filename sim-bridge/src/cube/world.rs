@@ -134,9 +134,8 @@ impl CubeWorld {
     }
     /// Returns the module that a mover lands on.
     pub fn landing(&self, id: ModuleId) -> Option<ModuleId> {
-        let body = &self.bodies[id.index()];
-        let motion = body.under_way?.motion;
-        self.grid.body(motion.destination(body.cell).step(motion.landing_support()))
+        let motion = self.motion(id)?;
+        self.grid.body(motion.destination(self.cell(id)).step(motion.landing_support()))
     }
     /// Returns true if the body stays connected without a module, if all others stand still.
     pub fn is_removable(&mut self, id: ModuleId) -> bool {

@@ -265,7 +265,7 @@ fn around_the_dead(budget: Budget) -> SwarmModel<CubeWorld, Certifying> {
     certified(model)
 }
 
-/// A slide from a dead module ends on one that stays, although nobody has asked it: also if a process is stopped or restarted, or
+/// A slide from a dead module ends on one that stays, although it was not asked: also if a process is stopped or restarted, or
 /// an order is late.
 #[test]
 fn surveys_over_the_dead() {

@@ -3,7 +3,7 @@
 //! Custody asks that a module stays for the dead that may hang on it (`custody`). Many of them touch a finalized module. It does
 //! not leave, and the dead do not move, so such a dead module stays connected; it is *fixed*. Its neighbours know it from its
 //! certificate, if it was finalized itself; from its last words, in which it named its finalized neighbours
-//! ([`Beacon::finals`]); or from the announcement of a finalized holder. Nobody has to hold a fixed module; it serves as a parent,
+//! ([`Beacon::finals`]); or from the announcement of a finalized holder. A fixed module needs no holder; it serves as a parent,
 //! which needs no confirmation, and it starts goal cells beside it.
 //!
 //! *Why it stays true.* The finalized neighbour stays where it is also after its death or restart. What was said counts for one epoch
