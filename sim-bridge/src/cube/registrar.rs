@@ -28,10 +28,11 @@ struct Death {
 }
 
 /// A holder that a dead module can count on; the least is the best. A finalized holder that touches the dead module comes before
-/// others, since it makes the dead module a root.
+/// other finalized ones, since it makes the dead module a root. Holders on loose paths differ by their keys alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 struct Offer {
     is_loose: bool,
+    /// Whether the holder is finalized and touches only other modules of the cluster.
     is_apart: bool,
     key: CustodyKey,
 }
@@ -39,8 +40,8 @@ struct Offer {
 impl Offer {
     /// Returns the offer of a holder to a dead module. That a finalized one holds it over others of the dead is certain at the time `sure`.
     fn of(mut key: CustodyKey, dead: Cell, sure: Option<Time>) -> Option<Offer> {
-        let is_apart = key.cell.manhattan(dead) != 1;
-        if !key.is_loose && is_apart {
+        let is_apart = !key.is_loose && key.cell.manhattan(dead) != 1;
+        if is_apart {
             key.confirmed = Reverse(sure?);
         }
         Some(Offer { is_loose: key.is_loose, is_apart, key })
