@@ -221,3 +221,27 @@ def test_sweeps_are_saved_loaded_and_compared(tmp_path: Path) -> None:
     assert len(mm.diff(forest, cycles, by=["link.loss"]).lines) == len(other.lines)
     set_only = [mm.sweep(SWARM, seeds=range(2), set={"protocol.connectivity": name}) for name in ("forest", "cycles")]
     assert len(mm.diff(*set_only).lines) > 5
+
+
+def test_results_are_shown_in_notebooks() -> None:
+    report = mm.run("swarm")
+    html = report._repr_html_()
+    assert "<b>built</b> swarm, seed 1" in html and "32 of 32 filled" in html and report.repeat in html
+    keys = {
+        "version": 1,
+        "name": "<b>",
+        "swarm": {"start": {"box": {"min": [0, 0, 0], "max": [3, 1, 0]}}},
+        "goal": [{"shape": {"box": {"min": [0, 0, 0], "max": [1, 1, 1]}}}],
+    }
+    assert "&lt;b&gt;" in mm.run(keys)._repr_html_(), "a text of a scenario is no HTML"
+    sweep = mm.sweep(keys, seeds=range(30))
+    shown = sweep._repr_html_()
+    assert "<b>30 runs</b>: 30 built" in shown and "and 10 more rows" in shown
+    assert shown.count("<tr>") == 21
+
+
+def test_numbers_that_cannot_be_meant_are_answered() -> None:
+    with pytest.raises(TypeError, match=r"write seeds=range\(10\)"):
+        mm.sweep("swarm", seeds=10)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="only goes forward"):
+        mm.Simulation("swarm").step(-1)

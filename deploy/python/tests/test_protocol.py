@@ -169,6 +169,33 @@ def test_an_invariant_that_breaks_makes_a_run_unsafe() -> None:
     assert violated["invariant"] == "of-protocol" and "never_agrees: two modules agree" in str(violated)
 
 
+def test_invariants_are_called_after_every_event_or_as_often_as_asked() -> None:
+    states: list[tuple[int, ...]] = []
+
+    def watch(modules: Mapping[int, Leader], now_s: float) -> Optional[str]:
+        states.append(tuple(m.lowest for m in modules.values()))
+        return None
+
+    def calls(**options: Any) -> int:
+        report = mm.run(SCENARIO, protocol=Leader, until=agreed, invariants=[watch], **options)
+        (of_watch,) = report.protocol["invariants"]
+        assert of_watch["name"] == "watch" and of_watch["calls"] == len(states)
+        return of_watch["calls"]
+
+    always = calls()
+    changes = [(a, b) for a, b in zip(states, states[1:]) if len(a) == len(b)]
+    # An event changes one module, so no state between two calls is missed.
+    assert changes and all(sum(x != y for x, y in zip(a, b)) <= 1 for a, b in changes)
+    states.clear()
+    rarely = calls(every="100ms")
+    assert 1 < rarely < always / 10
+    for every, said in (("0s", "no time between two checks"), ("soon", "every: ")):
+        with pytest.raises(ValueError, match=said):
+            calls(every=every)
+    with pytest.raises(ValueError, match="for a protocol written in Python"):
+        mm.run("swarm", every="1s")
+
+
 def test_a_run_ends_by_silence_or_by_time() -> None:
     silent = mm.run(SCENARIO, protocol=Leader, until=lambda reports, now_s: None, set={"stop.stall": "5s"})
     assert silent.outcome == "deadlock" and silent.time["virtual_s"] < 10

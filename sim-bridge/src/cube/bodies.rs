@@ -14,7 +14,7 @@ use metamorph_protocol::time::Time;
 use std::hash::Hasher;
 use std::marker::PhantomData;
 
-/// A check of a whole run, at every full audit. Returns what is wrong.
+/// A check of a whole run. Returns what is wrong.
 pub type Check = Box<dyn Fn(Time) -> Result<(), String> + Send + Sync>;
 
 /// A world of cubes whose agents are `A`.
@@ -22,13 +22,30 @@ pub struct CubeBodies<A> {
     /// The bodies.
     pub cubes: CubeWorld,
     checks: Vec<(Invariant, Check)>,
+    /// Whether the checks are made at full audits only.
+    only_at_audits: bool,
     agent: PhantomData<fn() -> A>,
 }
 
 impl<A> CubeBodies<A> {
-    /// Gives the bodies of a world to agents of another protocol.
+    /// Gives the bodies of a world to agents of another protocol. The checks are made after every input of an agent, so that
+    /// no state of the agents is missed, and at every full audit.
     pub fn new(cubes: CubeWorld, checks: Vec<(Invariant, Check)>) -> CubeBodies<A> {
-        CubeBodies { cubes, checks, agent: PhantomData }
+        CubeBodies { cubes, checks, only_at_audits: false, agent: PhantomData }
+    }
+
+    /// Makes the checks at full audits only.
+    #[must_use]
+    pub fn checked_at_audits(self) -> CubeBodies<A> {
+        CubeBodies { only_at_audits: true, ..self }
+    }
+
+    fn check(&self, now: Time, found: &mut Vec<Violation>) {
+        for (invariant, check) in &self.checks {
+            if let Err(what) = check(now) {
+                found.push(Violation { invariant: *invariant, at: now, what });
+            }
+        }
     }
 }
 
@@ -62,13 +79,14 @@ impl<A: Agent<Place = Cell, Action = Move, Percept = Percept>> World for CubeBod
 }
 
 impl<A: Agent<Place = Cell, Action = Move, Percept = Percept>> Audited for CubeBodies<A> {
+    fn audit_agent(&mut self, now: Time, _: ModuleId, _: &Agents<'_, A>, found: &mut Vec<Violation>) {
+        if !self.only_at_audits {
+            self.check(now, found);
+        }
+    }
     fn audit_all(&mut self, now: Time, _: &Agents<'_, A>, found: &mut Vec<Violation>) {
         self.cubes.check_connected(now);
-        for (invariant, check) in &self.checks {
-            if let Err(what) = check(now) {
-                found.push(Violation { invariant: *invariant, at: now, what });
-            }
-        }
+        self.check(now, found);
     }
     fn take_violations(&mut self) -> Vec<Violation> {
         self.cubes.take_violations()

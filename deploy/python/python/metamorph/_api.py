@@ -8,6 +8,8 @@ import json
 import os
 import subprocess
 import tempfile
+from collections import Counter
+from html import escape
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Callable, Iterable, Mapping, NamedTuple, Optional, Sequence, Union
@@ -205,6 +207,25 @@ class Report:
         """All fields as JSON, as `--json` writes them."""
         return json.dumps(self._fields, indent=2)
 
+    def _repr_html_(self) -> str:
+        """The result in a notebook: the outcome, why, and the numbers that a paper states."""
+        f = self._fields
+        built = f["outcome"] == "built"
+        rows = {
+            "goal": f"{f['goal']['filled']:,} of {f['goal']['cells']:,} filled",
+            "agents": f"{f['agents']['launched']:,} launched, {f['agents']['crashed']:,} crashed",
+            "moves": f"{f['moves']:,}",
+            "messages": f"{f['messages']['total']:,}",
+            "collisions": f"{f['collisions']['prevented']:,} prevented, {f['collisions']['suffered']:,} suffered",
+            "scenario time": f"{f['time']['virtual_s']:.1f} s",
+            "invariants": f"{f['invariants']['checked']:,} checks, {f['invariants']['broken']:,} broken",
+            "repeat with": f["repeat"],
+        }
+        cells = "".join(f"<tr><th>{name}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
+        outcome = f"<b>{escape(f['outcome'])}</b> {escape(f['scenario'])}, seed {f['seed']}"
+        why = "" if built else f"<p>{escape(f['reason'])}</p>"
+        return f"<p>{outcome}</p>{why}<table>{cells}</table>"
+
     def __repr__(self) -> str:
         time = self._fields["time"]["virtual_s"]
         return f"<Report {self._fields['scenario']}, seed {self._fields['seed']}: {self._fields['outcome']} at {time:g} s>"
@@ -232,6 +253,7 @@ def run(
     protocol: Optional[type[Protocol]] = None,
     until: Optional[Until] = None,
     invariants: Sequence[Invariant] = (),
+    every: Optional[str] = None,
     journal: Optional[Union[str, os.PathLike[str]]] = None,
     timeout_s: Optional[float] = None,
 ) -> Report:
@@ -244,12 +266,14 @@ def run(
     :param faults: further faults, such as `"kill 7@2s"`.
     :param protocol: a protocol written in Python, instead of the built-in one; the scenario needs no goal.
     :param until: when a run of this protocol is over.
-    :param invariants: what must hold in it; if one does not, the outcome is `unsafe`.
+    :param invariants: what must hold in it; if one does not, the outcome is `unsafe`. Each is called after every event of a
+        module; `report.protocol["invariants"]` counts the calls.
+    :param every: the time between two calls of the invariants, such as `"100ms"`, instead of after every event.
     :param journal: a file to record the run in.
     :param timeout_s: seconds of real time; then the outcome is `aborted`.
     """
     chosen = _scenario(scenario, set, faults)
-    given = _given(protocol, until, invariants)
+    given = _given(protocol, until, invariants, every)
     if given is not None and (link != "sim" or journal is not None):
         raise ValueError("a protocol written in Python runs on the simulated link only, without a journal")
     if link == "ipc":
@@ -329,6 +353,12 @@ class Sweep:
     def __len__(self) -> int:
         return len(self.runs)
 
+    def _repr_html_(self) -> str:
+        """The outcomes in a notebook, with the first runs."""
+        outcomes = Counter(self.runs.to_dict()["outcome"])
+        said = ", ".join(f"{count:,} {escape(str(outcome))}" for outcome, count in outcomes.most_common())
+        return f"<p><b>{len(self):,} runs</b>: {said}</p>{self.runs._repr_html_()}"
+
     def __repr__(self) -> str:
         return f"<Sweep of {len(self)} runs>"
 
@@ -384,6 +414,8 @@ def sweep(
     :param until: when a run of this protocol is over.
     :param progress: called at most ten times a second.
     """
+    if isinstance(seeds, int):
+        raise TypeError(f"seeds is {seeds}; write seeds=range({seeds}) for the seeds 0 to {seeds - 1}")
     numbers = list(seeds)
     if not numbers or numbers != list(range(numbers[0], numbers[0] + len(numbers))):
         raise ValueError("seeds must be consecutive, such as range(100)")
@@ -400,7 +432,7 @@ def sweep(
     all_axes = [(key, [value]) for key, value in fixed] + axes
     manifest = _native.manifest(chosen._origin, chosen._text, (numbers[0], numbers[-1] + 1), all_axes)
     if protocol is not None:
-        _given(protocol, until, ())
+        _given(protocol, until, (), None)
         work = Work(chosen._origin, chosen._text, all_axes, protocol, until)
         done = None if progress is None else lambda done, total: progress(Progress(done, total))
         lines = rows(work, numbers, jobs or len(os.sched_getaffinity(0)), done)
@@ -434,11 +466,12 @@ class Simulation:
         protocol: Optional[type[Protocol]] = None,
         until: Optional[Until] = None,
         invariants: Sequence[Invariant] = (),
+        every: Optional[str] = None,
     ) -> None:
         """Begins a run; the parameters are those of :func:`run`."""
         self._scenario = _scenario(scenario, set, faults)
-        self._protocol = (protocol, until, tuple(invariants))
-        plan = self._scenario._plan(seed, _given(protocol, until, invariants))
+        self._protocol = (protocol, until, tuple(invariants), every)
+        plan = self._scenario._plan(seed, _given(protocol, until, invariants, every))
         self._seed = plan.seed
         self._run = _native.Simulation(plan)
 
@@ -479,6 +512,8 @@ class Simulation:
 
     def step(self, events: int = 1) -> int:
         """Carries out events of the kernel; returns how many: fewer only at the end."""
+        if events < 0:
+            raise ValueError(f"events is {events}; a run only goes forward, so it must be 0 or more")
         return self._run.step(events)
 
     def advance(self, span: Duration) -> bool:
@@ -544,11 +579,12 @@ def _again(
     protocol: Optional[type[Protocol]],
     until: Optional[Until],
     invariants: Sequence[Invariant],
+    every: Optional[str],
     now_ns: int,
     trace_hash: str,
 ) -> Simulation:
     """Carries a simulation out until the time and the events that it was pickled at."""
-    sim = Simulation(scenario, seed=seed, protocol=protocol, until=until, invariants=invariants)
+    sim = Simulation(scenario, seed=seed, protocol=protocol, until=until, invariants=invariants, every=every)
     if now_ns > 0:
         sim._run.run_until(now_ns - 1)
     while sim.trace_hash != trace_hash and sim.now_ns <= now_ns and sim.step():

@@ -66,6 +66,7 @@ class Protocol:
         class_: type,
         until: Optional[Callable[..., Any]],
         invariants: list[tuple[str, Callable[..., Any]]],
+        every: Optional[str],
     ) -> Protocol: ...
 
 @final

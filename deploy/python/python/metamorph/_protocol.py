@@ -202,13 +202,15 @@ def _bind(cls: type[Protocol], values: Mapping[str, Any]) -> type[Protocol]:
 
 
 def _given(
-    protocol: Optional[type[Protocol]], until: Optional[Until], invariants: Sequence[Invariant]
+    protocol: Optional[type[Protocol]], until: Optional[Until], invariants: Sequence[Invariant], every: Optional[str]
 ) -> Optional[_native.Protocol]:
     if protocol is None:
-        if until is not None or invariants:
-            raise ValueError("`until` and `invariants` are for a protocol written in Python; pass `protocol=` as well")
+        if until is not None or invariants or every is not None:
+            raise ValueError(
+                "`until`, `invariants` and `every` are for a protocol written in Python; pass `protocol=` as well"
+            )
         return None
     if not (isinstance(protocol, type) and issubclass(protocol, Protocol)):
         raise TypeError("protocol is a class that derives from metamorph.Protocol")
     named = [(getattr(check, "__name__", "invariant"), check) for check in invariants]
-    return _native.Protocol(protocol, until, named)
+    return _native.Protocol(protocol, until, named, every)

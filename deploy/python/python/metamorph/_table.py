@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from html import escape
 from typing import TYPE_CHECKING, Any, Mapping, Sequence
 
 import numpy as np
@@ -9,6 +10,16 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+#: Rows of a table that a notebook shows.
+_SHOWN = 20
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    return escape(f"{value:.6g}" if isinstance(value, float) else str(value))
 
 
 class Table:
@@ -53,6 +64,15 @@ class Table:
         import pyarrow as pa
 
         return pa.table(self._columns).__arrow_c_stream__(requested_schema)
+
+    def _repr_html_(self) -> str:
+        """The table in a notebook: its first rows."""
+        head = "".join(f"<th>{escape(name)}</th>" for name in self.columns)
+        shown = list(zip(*(values[:_SHOWN] for values in self._columns.values())))
+        rows = "".join("<tr>" + "".join(f"<td>{_cell(value)}</td>" for value in row) + "</tr>" for row in shown)
+        more = len(self) - len(shown)
+        note = f"<p>and {more:,} more rows</p>" if more > 0 else ""
+        return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>{note}"
 
     def __repr__(self) -> str:
         return f"<Table of {len(self)} rows: {', '.join(self.columns)}>"

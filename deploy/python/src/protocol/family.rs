@@ -17,6 +17,7 @@ use metamorph_sim_bridge::director::standstills::Standstills;
 use metamorph_sim_bridge::world::invariants::{Invariant, Violation};
 use metamorph_world_controller::family::generated::{Dice, GeneratedSwarm};
 use metamorph_world_controller::family::{ExploredFamily, FamilyParts, cube};
+use metamorph_world_controller::report::family_part::{FamilyPart, FamilyText};
 use metamorph_world_controller::report::run_result::RunResult;
 use metamorph_world_controller::run::runnable::{Runnable, stage};
 use metamorph_world_controller::scenario::Plan;
@@ -37,6 +38,7 @@ use pyo3::types::{PyDict, PyType};
 use serde_json::json;
 use std::fmt::{self, Write};
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use toml::de::DeValue;
 
 /// The name of the family.
@@ -270,6 +272,22 @@ impl SwarmPlan for PySwarm {
 }
 
 impl PySwarm {
+    /// Returns how often each of the given invariants was called.
+    fn invariant_calls(&self) -> Option<FamilyPart> {
+        let invariants = &self.setup.spec.invariants;
+        let calls = self.setup.calls.iter().map(|calls| calls.load(Ordering::Relaxed));
+        let calls: Vec<_> = invariants
+            .iter()
+            .zip(calls)
+            .map(|((name, _), calls)| json!({ "name": name, "calls": calls }))
+            .collect();
+        (!calls.is_empty()).then(|| FamilyPart {
+            key: "protocol",
+            value: json!({ "invariants": calls }),
+            text: FamilyText::default(),
+        })
+    }
+
     /// Returns a check for each of the given invariants.
     fn checks(&self) -> Vec<(Invariant, Check)> {
         let numbers = 0..self.setup.spec.invariants.len();
@@ -283,6 +301,7 @@ impl PySwarm {
             if setup.spec.has_failed() {
                 return Ok(());
             }
+            setup.calls[number].fetch_add(1, Ordering::Relaxed);
             let said = Python::attach(|py| {
                 let said = holds.bind(py).call1((&setup.modules, now.as_secs_f64()))?;
                 said.extract::<Option<String>>()
@@ -309,7 +328,8 @@ impl Runnable for PySwarm {
     fn world(&self, plan: &Plan) -> CubeBodies<PyAgent> {
         let mut cubes = CubeWorld::new(&self.cells, self.time_step(), plan.seed);
         cubes.set_failure(plan.failure);
-        CubeBodies::new(cubes, self.checks())
+        let bodies = CubeBodies::new(cubes, self.checks());
+        if self.setup.spec.every.is_some() { bodies.checked_at_audits() } else { bodies }
     }
     fn director(&self, plan: &Plan) -> PyDirector {
         PyDirector::new(&self.setup, self.cells.len(), plan.schedule.clone(), plan.stop)
@@ -318,7 +338,7 @@ impl Runnable for PySwarm {
         self.setup.move_time
     }
     fn audit_every(&self) -> Span {
-        audit_every(self.time_step())
+        self.setup.spec.every.unwrap_or(audit_every(self.time_step()))
     }
     fn progress(director: &PyDirector) -> Progress {
         director.progress()
@@ -340,7 +360,7 @@ impl Runnable for PySwarm {
             bodies: cube::move_report(&motions),
             moves: motions.completed,
             operator: None,
-            family_part: None,
+            family_part: self.invariant_calls(),
         }
     }
     fn last_check(world: &mut CubeBodies<PyAgent>, now: Time) -> (Vec<Violation>, u64) {

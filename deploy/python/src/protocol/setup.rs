@@ -10,6 +10,7 @@ use serde::de::Error as _;
 use serde::ser::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
 
 const ONLY_SIMULATED: &str = "a protocol written in Python runs on the simulated link only";
 
@@ -35,6 +36,8 @@ pub struct Setup {
     pub modules: Py<PyDict>,
     /// The last reports of living modules, by number.
     pub reports: Py<PyDict>,
+    /// How often each invariant of the protocol was called.
+    pub calls: Box<[AtomicU64]>,
     messages: Vec<MessageType>,
     /// `tuple.__new__`.
     make: Py<PyAny>,
@@ -62,6 +65,7 @@ impl Setup {
             messages.push(message);
         }
         Ok(Setup {
+            calls: spec.invariants.iter().map(|_| AtomicU64::new(0)).collect(),
             spec: Arc::clone(spec),
             class: class.clone().unbind(),
             overridden: Overridden {

@@ -3,8 +3,9 @@
 
 use crate::scenario::raise;
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::time::Time;
-use pyo3::exceptions::PyException;
+use metamorph_protocol::time::{Span, Time};
+use metamorph_world_controller::scenario::table::span;
+use pyo3::exceptions::{PyException, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyType;
 use std::fmt;
@@ -29,6 +30,8 @@ pub struct Spec {
     pub class: Py<PyType>,
     pub until: Option<Py<PyAny>>,
     pub invariants: Vec<(String, Py<PyAny>)>,
+    /// The time between two checks of the invariants; `None` to check after every input of a module.
+    pub every: Option<Span>,
     failure: Mutex<Option<Failure>>,
     has_failed: AtomicBool,
 }
@@ -103,13 +106,21 @@ pub struct Protocol {
 #[pymethods]
 impl Protocol {
     #[new]
-    #[pyo3(signature = (class_, until, invariants))]
+    #[pyo3(signature = (class_, until, invariants, every))]
     fn new(
         class_: Py<PyType>,
         until: Option<Py<PyAny>>,
         invariants: Vec<(String, Py<PyAny>)>,
+        every: Option<&str>,
     ) -> PyResult<Protocol> {
+        let wrong = |why: String| PyValueError::new_err(format!("every: {why}"));
+        let every = every.map(|text| span(text).map_err(|error| wrong(error.to_string()))).transpose()?;
+        if every == Some(Span::ZERO) {
+            return Err(wrong(
+                "0 is no time between two checks; leave it out to check after every input".to_owned(),
+            ));
+        }
         let (failure, has_failed) = (Mutex::new(None), AtomicBool::new(false));
-        Ok(Protocol { spec: Arc::new(Spec { class: class_, until, invariants, failure, has_failed }) })
+        Ok(Protocol { spec: Arc::new(Spec { class: class_, until, invariants, every, failure, has_failed }) })
     }
 }
