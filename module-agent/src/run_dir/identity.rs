@@ -33,7 +33,7 @@ impl Identity {
     /// # Errors
     /// If the process cannot be inspected.
     pub fn of(pid: i32) -> io::Result<Option<Identity>> {
-        match fs::read_to_string(format!("/proc/{pid}/stat")) {
+        match stat(pid) {
             Ok(stat) => Ok(start_time(&stat).map(|start| Identity { pid, start })),
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
             // ESRCH: the process ended during the read.
@@ -45,7 +45,7 @@ impl Identity {
     /// True if this very process is alive. A zombie, for which its parent has not waited yet, is not. A
     /// process that cannot be inspected belongs to another user and counts as alive.
     pub fn is_alive(&self) -> bool {
-        match fs::read_to_string(format!("/proc/{}/stat", self.pid)) {
+        match stat(self.pid) {
             Ok(stat) => start_time(&stat) == Some(self.start) && !matches!(state(&stat), Some('Z' | 'X')),
             Err(e) => {
                 e.kind() != io::ErrorKind::NotFound
@@ -56,7 +56,7 @@ impl Identity {
 
     /// True if this very process is alive and stopped by a signal.
     pub fn is_stopped(&self) -> bool {
-        let stat = fs::read_to_string(format!("/proc/{}/stat", self.pid)).unwrap_or_default();
+        let stat = stat(self.pid).unwrap_or_default();
         start_time(&stat) == Some(self.start) && state(&stat) == Some('T')
     }
 
@@ -69,6 +69,11 @@ impl Identity {
     pub fn to_line(&self) -> String {
         format!("{} {}\n", self.pid, self.start)
     }
+}
+
+/// Reads what the kernel says of a process. The name of its program in it may be any bytes.
+fn stat(pid: i32) -> io::Result<String> {
+    Ok(String::from_utf8_lossy(&fs::read(format!("/proc/{pid}/stat"))?).into_owned())
 }
 
 impl FromStr for Identity {

@@ -45,7 +45,8 @@ pub fn require(needed: u64) -> Result<(), SpaceShortage> {
 /// If the memory is exhausted.
 pub fn allocate(run: &RunName) -> io::Result<()> {
     let prefix = format!("{HOME}/{}", run.prefix());
-    let maps = fs::read_to_string("/proc/self/maps")?;
+    // Names of other mapped files may be any bytes.
+    let maps = String::from_utf8_lossy(&fs::read("/proc/self/maps")?).into_owned();
     let mapped = |line: &str| {
         let start = line.find(&prefix)?;
         // The name of a removed segment ends with this mark.

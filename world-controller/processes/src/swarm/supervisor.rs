@@ -26,14 +26,15 @@ use rustix::process::{
 use signal_hook::consts::{SIGABRT, SIGBUS, SIGILL, SIGKILL, SIGSEGV, SIGXFSZ};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, Read, Seek, SeekFrom};
+use std::os::unix::fs::MetadataExt;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{ExitStatus, Stdio};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc as queue;
+use std::sync::{Arc, LazyLock};
 use std::thread::JoinHandle;
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
@@ -323,6 +324,17 @@ fn log_path(launch: &Launch, (id, incarnation): AgentKey) -> PathBuf {
     log_directory(&launch.root).join(format!("{id}.{incarnation}"))
 }
 
+/// Returns the file from which a program is started. The file of the program that runs may have been replaced or deleted since, as
+/// by an update; then agents are started from the running program itself, so that all of a run are of one build.
+fn startable(program: &Path) -> &Path {
+    /// The program that runs, as the kernel keeps it.
+    const RUNNING: &str = "/proc/self/exe";
+    static OWN: LazyLock<Option<PathBuf>> = LazyLock::new(|| std::env::current_exe().ok());
+    let file = |path: &Path| fs::metadata(path).ok().map(|file| (file.dev(), file.ino()));
+    let is_own = OWN.as_deref() == Some(program);
+    if is_own && file(program) != file(Path::new(RUNNING)) { Path::new(RUNNING) } else { program }
+}
+
 /// Starts an agent by fork and exec; a bare `fork` would break shared memory.
 ///
 /// iceoryx2 does not mark its files to be closed on exec, and an agent would inherit all that the controller
@@ -333,7 +345,7 @@ fn spawn(launch: &Launch, agent: AgentKey) -> io::Result<Child> {
     let stderr =
         if launch.verbose { Stdio::inherit() } else { File::create(log_path(launch, agent))?.into() };
     close_fds::set_fds_cloexec_threadsafe(3, &[]);
-    Command::new(&launch.program)
+    Command::new(startable(&launch.program))
         .args(&launch.args)
         .args(args.to_command_line())
         .process_group(0)
