@@ -14,9 +14,11 @@ pub const MAX_TRIANGLES: usize = 2_000_000;
 pub const MAX_GRID: u64 = 16_000_000;
 /// Cells of the box around an imported shape at most.
 pub const MAX_BOX: u64 = 64_000_000;
-/// The maximum work to convert a mesh: pairs of a triangle and a column of cells that it may cross, plus
-/// samples of the surface.
+/// The maximum work to convert a mesh: pairs of a triangle and a column of cells that it may cross, samples of the surface,
+/// and eight for each pair of a cell and a piece of the mesh's rim.
 pub const MAX_WORK: u64 = 400_000_000;
+/// Largest number of edges of a mesh at which it is not closed.
+pub const MAX_RIM: usize = 1_000_000;
 /// Largest number of elements, texts and comments of an XML file.
 pub const MAX_NODES: u32 = 2_000_000;
 /// Largest number of attributes of an XML file.
@@ -25,14 +27,13 @@ pub const MAX_ATTRIBUTES: usize = 2_000_000;
 pub const MAX_ATTRIBUTES_OF_ONE: usize = 64;
 /// Largest number of namespaces that an XML file may declare. The parser lists them for every element.
 pub const MAX_NAMESPACES: usize = 16;
-/// Largest number of voxels of a MagicaVoxel scene, those of a model counted as often as it is in the scene.
+/// Largest number of voxels of a MagicaVoxel scene, those of a model counted as often as it is in the scene, and of
+/// cells that a configuration names.
 pub const MAX_VOXELS: usize = 4_000_000;
 /// Largest number of chunks of a MagicaVoxel file, and of nodes of its scene that are examined.
 pub const MAX_VOX_CHUNKS: usize = 100_000;
 /// Bytes of a MagicaVoxel file at most that hold no voxels. In memory they take a multiple of that.
 pub const MAX_VOX_SCENE: usize = 8 << 20;
-/// Largest number of groups, objects and materials of an OBJ file.
-pub const MAX_GROUPS: usize = 10_000;
 
 /// An error in a file.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -66,6 +67,16 @@ pub enum SolidError {
     /// Neither a mesh nor a configuration, by its name.
     #[error("{0}: the name does not end in .stl, .obj, .vox, .xml or .toml")]
     Format(String),
+    /// Content of another kind than the name says.
+    #[error("{file}: this is {what}")]
+    Foreign {
+        /// The file.
+        file: String,
+        /// The kind of content.
+        what: &'static str,
+        /// How to get the shape instead.
+        instead: &'static str,
+    },
     /// Shorter than any STL.
     #[error(
         "{file}: the file has {bytes} bytes; an STL begins with 84 bytes, or is text that begins with `solid`"
@@ -119,55 +130,23 @@ pub enum SolidError {
         /// The number of triangles, as far as known.
         found: u64,
     },
-    /// Edges of one triangle only: the mesh has holes.
+    /// Edges of one triangle only, or of triangles that do not fit: the mesh has holes.
     #[error(
-        "{file}: the mesh is not closed: {edges} edges belong to one triangle only, such as the one from {from} to {to} of triangle {triangle}"
+        "{file}: the mesh is not closed: {edges} edges {how}, such as the one {ends} of triangle {triangle}; {why}"
     )]
     Open {
         /// The file.
         file: String,
         /// The number of such edges.
         edges: usize,
-        /// One end of an example.
-        from: String,
-        /// The other end.
-        to: String,
+        /// How their triangles belong to them.
+        how: &'static str,
+        /// The ends of an example.
+        ends: String,
         /// Its triangle.
         triangle: usize,
-    },
-    /// Edges of more than two triangles.
-    #[error(
-        "{file}: {edges} edges are not manifold; {triangles} triangles meet at the one from {from} to {to}, one of them is triangle {triangle}"
-    )]
-    NonManifold {
-        /// The file.
-        file: String,
-        /// The number of such edges.
-        edges: usize,
-        /// Triangles at an example.
-        triangles: usize,
-        /// One end of the example.
-        from: String,
-        /// The other end.
-        to: String,
-        /// One of the triangles.
-        triangle: usize,
-    },
-    /// Neighbours with opposite orientations.
-    #[error(
-        "{file}: {edges} edges have triangles that face opposite sides, such as the one from {from} to {to} of triangle {triangle}"
-    )]
-    Flipped {
-        /// The file.
-        file: String,
-        /// The number of such edges.
-        edges: usize,
-        /// One end of an example.
-        from: String,
-        /// The other end.
-        to: String,
-        /// One of its triangles.
-        triangle: usize,
+        /// Why the inside cannot be told all the same.
+        why: String,
     },
     /// The pitch of a mesh is missing.
     #[error("{0}: a mesh needs a `pitch`, the edge of a cell in the units of the file")]
@@ -192,7 +171,9 @@ pub enum SolidError {
         z: u64,
     },
     /// Triangles that cover too many cells together.
-    #[error("{0}: its triangles overlap so often that filling the cells would take too long")]
+    #[error(
+        "{0}: its triangles overlap, or its edges are open, so often that filling the cells would take too long"
+    )]
     TooMuchWork(String),
     /// The solid contains no centre of a cell.
     #[error("{file}: no cell has its middle inside the solid, whose size is {size}; the pitch is {pitch}")]
@@ -254,9 +235,9 @@ pub enum SolidError {
         /// The part.
         what: &'static str,
     },
-    /// A cell listed twice.
-    #[error("{file}:{line}: the cell {cell} is listed twice")]
-    Twice {
+    /// An obstacle where the shape has a cell.
+    #[error("{file}:{line}: <obstacleList> has an obstacle in the cell {cell}, which the shape has, too")]
+    Obstacle {
         /// The file.
         file: String,
         /// The line.
@@ -322,10 +303,11 @@ impl SolidError {
             SolidError::Format(_) => {
                 "export it as STL, OBJ or VOX, or name a configuration of VisibleSim or a drawing"
             }
+            SolidError::Foreign { instead, .. } => instead,
             SolidError::TooShort { .. } | SolidError::Truncated { .. } | SolidError::Damaged { .. } => {
                 "export or copy the file again"
             }
-            SolidError::TooMuch { .. } => "export a part of the scene",
+            SolidError::TooMuch { .. } => "export a part of it",
             SolidError::NoVoxel(_) => "show a layer or model that has voxels, and export the file again",
             SolidError::Syntax { .. } | SolidError::NotFinite { .. } => {
                 "export the file again, or repair this place"
@@ -333,12 +315,6 @@ impl SolidError {
             SolidError::Empty(_) => "export a solid with its surface as triangles",
             SolidError::Open { .. } => {
                 "close the holes, for example with \"make manifold\" of Blender's 3D-print toolbox"
-            }
-            SolidError::NonManifold { .. } => {
-                "unite the parts that touch there to one solid, or move them apart"
-            }
-            SolidError::Flipped { .. } => {
-                "orient all faces outwards, for example with Blender's \"recalculate outside\""
             }
             SolidError::NoPitch(_) => "write for example `pitch = 10`",
             SolidError::Pitch(_) => {
@@ -355,8 +331,10 @@ impl SolidError {
             SolidError::OutOfRange { .. } => "move it towards the origin",
             SolidError::Doctype { .. } => "remove the declaration; configurations of VisibleSim need none",
             SolidError::NoPart { .. } => "name the other part, or add it to the configuration",
-            SolidError::Twice { .. } => "remove one of the two",
-            SolidError::NotRead { .. } => "name every cell with its position, or as the values of a line",
+            SolidError::Obstacle { .. } => "remove the obstacle, or the cell from the shape",
+            SolidError::NotRead { .. } => {
+                "name every cell with its position, as the values of a line, or in a box; a solid can be read from its own file (.stl, .obj)"
+            }
             SolidError::Option { .. } => "leave it out",
         }
     }

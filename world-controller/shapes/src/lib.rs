@@ -1,13 +1,12 @@
 //! Shapes from files: STL and OBJ solids from CAD programs, converted to cells, scenes of MagicaVoxel, configurations of
 //! VisibleSim, and drawings.
 //!
-//! `mesh` reads triangles, `voxel` finds the cells that they enclose, `vox` reads scenes, `visiblesim` reads configurations,
-//! `drawing` reads and writes drawings,
-//! `printability` says what of a shape cannot be built, `preview` shows it and writes it as a scenario, `error` has
-//! the errors.
+//! `mesh` reads triangles, `surface` finds where they are not closed, `voxel` finds the cells that they enclose, `vox`
+//! reads scenes, `visiblesim` reads configurations, `drawing` reads and writes drawings, `printability` says what of a
+//! shape cannot be built, `preview` shows it and writes it as a scenario, `error` has the errors.
 //!
 //! *Invariant.* No file makes this panic or exceed the memory and time that the limits in `error` allow.
-//! Absent: repairing broken meshes; a mesh with holes has no inside.
+//! Absent: repairing broken meshes, beyond the repairs of `surface`; a mesh with large holes has no inside.
 
 pub mod analysis;
 pub mod drawing;
@@ -15,6 +14,7 @@ pub mod error;
 mod mesh;
 pub mod preview;
 pub mod printability;
+mod surface;
 mod visiblesim;
 mod vox;
 mod voxel;
@@ -69,6 +69,8 @@ pub struct Imported {
     pub mesh: Option<MeshFacts>,
     /// The pins of a drawing, in ascending order: cells that are one module each. Only pairing heeds them.
     pub pins: Vec<Pin>,
+    /// Faults of the file that were read over, and content that was left out, each in one sentence.
+    pub notes: Vec<String>,
 }
 
 /// Properties of a mesh.
@@ -140,10 +142,15 @@ pub fn import(sources: &dyn Sources, path: &Path, how: &Import) -> Result<Import
             };
             part.map_or(Ok(()), |what| refuse(how.part.is_some(), "part", what))?;
             let bytes = load(sources, path)?;
+            let mut notes = Vec::new();
             let Drawing { cells, pins } = match format {
                 Format::Vox => vox::cells(&file, &bytes)?.into(),
                 Format::Drawing => drawing::read(&file, text(&file, &bytes)?)?,
-                _ => visiblesim::cells(&file, text(&file, &bytes)?, how.part.unwrap_or_default())?.into(),
+                _ => {
+                    let (cells, left_out) = visiblesim::cells(&file, &bytes, how.part.unwrap_or_default())?;
+                    notes = left_out;
+                    cells.into()
+                }
             };
             let at: [i16; 3] = how.at.into();
             let moved = |cell: Cell| {
@@ -152,13 +159,13 @@ pub fn import(sources: &dyn Sources, path: &Path, how: &Import) -> Result<Import
             };
             let pins = pins.into_iter().map(|[a, b]| Ok([moved(a)?, moved(b)?])).collect::<Result<_, _>>()?;
             let cells = cells.into_iter().map(moved).collect::<Result<_, _>>()?;
-            Imported { cells, thin: None, mesh: None, pins }
+            Imported { cells, thin: None, mesh: None, pins, notes }
         }
         format => {
             refuse(how.part.is_some(), "part", "a mesh, which is one shape")?;
             let pitch = how.pitch.ok_or_else(|| SolidError::NoPitch(file.clone()))?;
             let mut triangles = match format {
-                Format::Stl => mesh::stl(&file, load(sources, path)?)?,
+                Format::Stl => mesh::stl(&file, &load(sources, path)?)?,
                 _ => mesh::obj(&file, &load(sources, path)?)?,
             };
             if how.up == Some(Up::Y) {
@@ -194,7 +201,7 @@ fn text<'a>(file: &str, bytes: &'a [u8]) -> Result<&'a str, SolidError> {
 pub fn pitch_for(sources: &dyn Sources, path: &Path, cells: u16) -> Result<f64, SolidError> {
     let file = path.shown();
     let triangles = match Format::of(path)? {
-        Format::Stl => mesh::stl(&file, load(sources, path)?)?,
+        Format::Stl => mesh::stl(&file, &load(sources, path)?)?,
         _ => mesh::obj(&file, &load(sources, path)?)?,
     };
     let (min, max) = voxel::bounds(&triangles);
@@ -224,15 +231,70 @@ fn place(file: &str, triangles: &[mesh::Triangle], pitch: f64, at: Cell) -> Resu
             pitch,
         }),
         pins: Vec::new(),
+        notes: voxels.notes,
     })
 }
 
-/// Reads the bytes of a file of limited size.
+/// Reads the bytes of a file of limited size that can be a shape.
 fn load(sources: &dyn Sources, path: &Path) -> Result<Vec<u8>, SolidError> {
     let file = path.shown();
-    sources.read(path, MAX_BYTES).map_err(|error| match error.kind() {
-        std::io::ErrorKind::InvalidInput => SolidError::NoFile(file),
-        std::io::ErrorKind::FileTooLarge => SolidError::TooLarge(file),
-        _ => SolidError::Unreadable { file, why: error.to_string() },
-    })
+    let bytes = sources.read(path, MAX_BYTES).map_err(|error| match error.kind() {
+        std::io::ErrorKind::InvalidInput => SolidError::NoFile(file.clone()),
+        std::io::ErrorKind::FileTooLarge => SolidError::TooLarge(file.clone()),
+        _ => SolidError::Unreadable { file: file.clone(), why: error.to_string() },
+    })?;
+    match foreign(&bytes) {
+        Some((what, instead)) => Err(SolidError::Foreign { file, what, instead }),
+        None => Ok(bytes),
+    }
+}
+
+/// Returns the name of a content that is no shape whatever the file is called, and what to do about it.
+fn foreign(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
+    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
+    let begins = |start: &[u8]| text.get(..start.len()).is_some_and(|b| b.eq_ignore_ascii_case(start));
+    let graphic = |a: u8, b: u8| a.is_ascii_graphic() && !b.is_ascii_control();
+    let wide = match bytes {
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => true,
+        [a, 0, b, 0, ..] | [0, a, 0, b, ..] => graphic(*a, *b),
+        _ => false,
+    };
+    if begins(b"version https://git-lfs.github.com/spec/") {
+        Some(("a pointer of Git LFS, not the file that it stands for", "fetch the file with `git lfs pull`"))
+    } else if begins(b"<!doctype html") || begins(b"<html") {
+        Some(("an HTML page", "download the file itself, not the page that shows it"))
+    } else if wide {
+        Some(("text in UTF-16", "save it as UTF-8"))
+    } else if begins(b"PK\x03\x04") {
+        Some(("a ZIP archive", "unpack it and name the file in it"))
+    } else {
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn content_of_another_kind_is_named() {
+        let wide = |text: &str| text.encode_utf16().flat_map(u16::to_le_bytes).collect::<Vec<u8>>();
+        for (bytes, part) in [
+            (b"version https://git-lfs.github.com/spec/v1\noid sha256:4d\nsize 684\n".to_vec(), "Git LFS"),
+            (b"\n<!DOCTYPE html>\n<html>".to_vec(), "HTML"),
+            (b"\xef\xbb\xbf<html lang='en'>".to_vec(), "HTML"),
+            (wide("\u{feff}v 0 0 0"), "UTF-16"),
+            (wide("v 0 0 0"), "UTF-16"),
+            (wide("solid a"), "UTF-16"),
+            ("\u{feff}v".encode_utf16().flat_map(u16::to_be_bytes).collect(), "UTF-16"),
+            (b"PK\x03\x04".to_vec(), "ZIP"),
+        ] {
+            assert!(foreign(&bytes).unwrap().0.contains(part), "{part}");
+        }
+        for bytes in
+            [&b"solid a"[..], b"v 0 0 0", b"<?xml version='1.0'?>", b"", b"\0", b"VOX \x96\0\0\0", &[0; 84]]
+        {
+            assert_eq!(foreign(bytes), None);
+        }
+    }
 }
