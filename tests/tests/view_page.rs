@@ -228,9 +228,9 @@ fn plays_a_chair_to_its_end() {
     assert_eq!(text(&mut browser, "[data-part=numbers] dd"), "6 / 6");
     for id in 0..6 {
         choose(&mut browser, id);
-        let said = text(&mut browser, "#module");
+        let said = text(&mut browser, "[data-part=module-facts]");
         assert!(said.contains("settled in seed") && said.contains("alive"), "{said}");
-        browser.until("document.querySelectorAll('#module .messages li .when').length > 3");
+        browser.until("document.querySelectorAll('[data-part=module-facts] .messages li .when').length > 3");
     }
     // Every cell of the chair has a cube in it, by the kinematics of the page.
     let missing = "(() => { const p = window.page.picture; const places = p.poses.flat(); \
@@ -459,9 +459,84 @@ fn a_run_of_processes_is_followed_and_its_messages_are_shown_when_it_is_over() {
     assert_eq!(browser.evaluate(filled), json!(32));
     choose(&mut browser, 41);
     assert_eq!(browser.evaluate("document.getElementById('module').dataset.life"), json!("dead"));
-    browser.until("document.querySelectorAll('#module .messages li .when').length > 3");
+    browser.until("document.querySelectorAll('[data-part=module-facts] .messages li .when').length > 3");
     check_clean(&mut browser, &view);
     assert_eq!(view.end(), Some(0));
+}
+
+/// The number of colours in the middle of the picture.
+const COLOURS: &str = "(() => { const { page } = window; const space = document.getElementById('space'); \
+    const canvas = Object.assign(document.createElement('canvas'), { width: 120, height: 90 }); \
+    const paint = canvas.getContext('2d'); page.picture.draw(page.camera, page.clock); \
+    const [w, h] = [space.width, space.height]; paint.drawImage(space, w / 4, h / 4, w / 2, h / 2, 0, 0, 120, 90); \
+    const { data } = paint.getImageData(0, 0, 120, 90); const seen = new Set(); \
+    for (let i = 0; i < data.length; i += 4) seen.add((data[i] >> 4 << 8) | (data[i + 1] >> 4 << 4) | (data[i + 2] >> 4)); \
+    return seen.size; })()";
+
+/// The picture of every family shows its bodies: simulated, as the journal of processes, and as a plan without a run.
+#[test]
+fn no_picture_is_of_one_colour() {
+    let Some(program) = find() else { return };
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name).display().to_string();
+    let walk = ["--set", "goal.0.walk.for=5s"];
+    let (loops, plan) = (at("loop.journal"), at("plan.json"));
+    let line = scenario("line-to-loop.toml").display().to_string();
+    assert_eq!(run(&["run", &line, "--quiet", "--time-scale", "20", "--journal", &loops]).code, Some(0));
+    assert_eq!(run(&["plan", "--from", "line:4", "--to", "loop:3x3", "-o", &plan, "--quiet"]).code, Some(0));
+    let file = |name: &str| scenario(name).display().to_string();
+    let (cubes, chair, quadruped) = (file("swarm.toml"), file("chair.toml"), file("quadruped.toml"));
+    let cases: [(&[&str], &str); 6] = [
+        (&["view", &cubes], "32 / 32"),
+        (&["view", &chair], "6 / 6"),
+        (&["view", &line], "4 / 4"),
+        // A journal has no report.
+        (&["view", &loops], "–"),
+        (&[&["view", &quadruped], &walk[..]].concat(), "5 / 5"),
+        (&["plan", "--check", &plan, "--view"], "–"),
+    ];
+    for (command, filled) in cases {
+        let view = View::start(command);
+        let mut browser = Browser::start(program.clone());
+        browser.open(&view.address);
+        browser.until(
+            "document.body.dataset.state === 'paused' && window.page.story.over && !window.page.dirty",
+        );
+        browser.press("End");
+        browser.until("!window.page.dirty");
+        let colours = browser.evaluate(COLOURS).as_u64().unwrap();
+        assert!(colours > 8, "{command:?}: {colours} colours");
+        assert_eq!(text(&mut browser, "[data-part=numbers] dd"), filled, "{command:?}");
+        check_clean(&mut browser, &view);
+    }
+}
+
+/// Buttons stay where they are while a run goes on, and cannot be pressed after its end.
+#[test]
+fn nothing_that_is_pressed_moves() {
+    let Some(program) = find() else { return };
+    let file = scenario("swarm.toml").display().to_string();
+    let options = ["--link", "sim", "--time-scale", "3", "--view", "--control", "--quiet"];
+    let view = View::start(&[&["run", &file], &options[..]].concat());
+    let mut browser = Browser::start(program);
+    browser.open(&format!("{}#c={}", view.address, view.secret));
+    browser.until("document.body.dataset.state === 'paused'");
+    choose(&mut browser, 20);
+    // The places of all buttons and fields from now on, each once, until the run is over.
+    let places = "new Promise((done) => { const seen = new Map(); const look = () => { \
+        for (const e of document.querySelectorAll('.command button, .command input, #find input, #find button')) { \
+            const { left, top } = e.getBoundingClientRect(); const name = e.dataset.command ?? e.ariaLabel ?? e.id; \
+            seen.set(name, (seen.get(name) ?? new Set()).add(`${left} ${top}`)); } \
+        if (window.page.story.over && !window.page.dirty) done([...seen].map(([name, all]) => [name, all.size])); \
+        else requestAnimationFrame(look); }; look(); })";
+    let places = browser.evaluate(places);
+    let places = places.as_array().unwrap();
+    assert!(places.len() > 8 && places.iter().all(|place| place[1] == 1), "{places:?}");
+    assert_eq!(
+        browser.evaluate("document.querySelectorAll('[data-command]:not(:disabled)').length"),
+        json!(0)
+    );
+    check_clean(&mut browser, &view);
 }
 
 /// A page that was sent back to an earlier moment stays there while the run goes on and when it ends, also if

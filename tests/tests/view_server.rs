@@ -48,6 +48,13 @@ fn only_the_address_with_the_token_gives_access() {
     }
     let rebound = format!("GET {scene} HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n\r\n");
     assert_eq!(view.raw(&rebound).0, 403);
+    // A refused request does not keep its connection.
+    let (status, answer) = view.raw(&rebound.replace("Connection: close\r\n", ""));
+    assert!(status == 403 && answer.to_lowercase().contains("connection: close"), "{answer}");
+    assert!(answer.contains("ssh -L"), "{answer}");
+    // A forwarded port is another one on the browser's side.
+    let forwarded = format!("GET {scene} HTTP/1.1\r\nHost: localhost:9000\r\nConnection: close\r\n\r\n");
+    assert_eq!(view.raw(&forwarded).0, 200);
     for method in ["POST", "PUT", "DELETE", "OPTIONS"] {
         let request = format!(
             "{method} {scene} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"

@@ -2,8 +2,9 @@
 //!
 //! The server listens on the loopback interface only, which every user of the machine and every page in the
 //! user's browser can reach. So the address contains a random token, and the origin that a browser states
-//! must be this server: a page of another origin that has guessed the port, or has pointed a name of its own
-//! at this machine (DNS rebinding), is refused.
+//! must be the host that it asks: a page of another origin that has guessed the port, or has pointed a name of its own
+//! at this machine (DNS rebinding), is refused. The host must be a name of the loopback interface. Its port is that of the browser's
+//! side, which is another one if the port of this server is forwarded (`ssh -L 9000:localhost:PORT`).
 
 use hyper::header::{AUTHORIZATION, HOST, HeaderMap, ORIGIN};
 use hyper::{Method, StatusCode};
@@ -64,7 +65,11 @@ impl Refusal {
     pub fn answer(self) -> (StatusCode, &'static str) {
         match self {
             Refusal::Method => (StatusCode::METHOD_NOT_ALLOWED, "this page can only be read (GET or HEAD)\n"),
-            Refusal::Host => (StatusCode::FORBIDDEN, "this server has another name\n"),
+            Refusal::Host => (
+                StatusCode::FORBIDDEN,
+                "this server is reached as localhost or 127.0.0.1 only; from another machine forward its port, \
+                 for example with ssh -L 9000:localhost:PORT, and open http://localhost:9000/ with the rest of the address\n",
+            ),
             Refusal::Origin => (StatusCode::FORBIDDEN, "pages of other servers may not read this one\n"),
             Refusal::Token => {
                 (StatusCode::NOT_FOUND, "not found; open the whole address that metamorph has printed\n")
@@ -125,14 +130,12 @@ impl AccessCheck {
 
     /// Checks what all requests must state, and returns the rest of the path.
     fn admit_any<'a>(&self, headers: &HeaderMap, path: &'a str) -> Result<&'a str, Refusal> {
-        let names = [format!("127.0.0.1:{}", self.port), format!("localhost:{}", self.port)];
         let mut hosts = headers.get_all(HOST).iter();
         let host = hosts.next().and_then(|h| h.to_str().ok());
-        if hosts.next().is_some() || !host.is_some_and(|host| names.iter().any(|name| name == host)) {
+        let Some(host) = host.filter(|host| hosts.next().is_none() && is_loopback(host)) else {
             return Err(Refusal::Host);
-        }
-        let is_ours =
-            |origin: &str| origin.strip_prefix("http://").is_some_and(|name| names.iter().any(|n| n == name));
+        };
+        let is_ours = |origin: &str| origin.strip_prefix("http://") == Some(host);
         if headers.get_all(ORIGIN).iter().any(|o| !o.to_str().is_ok_and(is_ours)) {
             return Err(Refusal::Origin);
         }
@@ -144,6 +147,13 @@ impl AccessCheck {
         let (token, rest) = path.strip_prefix('/').and_then(|p| p.split_once('/')).ok_or(Refusal::Token)?;
         if self.token.is(token) { Ok(rest) } else { Err(Refusal::Token) }
     }
+}
+
+/// Returns true if a host with its port is a name of the loopback interface.
+fn is_loopback(host: &str) -> bool {
+    host.rsplit_once(':').is_some_and(|(name, port)| {
+        matches!(name, "localhost" | "127.0.0.1" | "[::1]") && port.parse::<u16>().is_ok()
+    })
 }
 
 /// Returns whether the headers of a request hold the secret.
@@ -180,6 +190,11 @@ mod tests {
         let own = [HERE, ("origin", "http://127.0.0.1:4000"), ("sec-fetch-site", "same-origin")];
         assert_eq!(admit(Method::GET, &own, PATH).unwrap(), "scene");
         assert_eq!(admit(Method::GET, &[HERE, ("sec-fetch-site", "none")], PATH).unwrap(), "scene");
+        for forwarded in ["localhost:9000", "127.0.0.1:9000", "[::1]:9000"] {
+            let origin = format!("http://{forwarded}");
+            let own = [("host", forwarded), ("origin", &origin), ("sec-fetch-site", "same-origin")];
+            assert_eq!(admit(Method::GET, &own, PATH).unwrap(), "scene");
+        }
         assert_eq!(access().address(), "http://127.0.0.1:4000/00112233445566778899aabbccddeeff/");
     }
 
@@ -193,7 +208,8 @@ mod tests {
         for host in [
             "evil.example",
             "127.0.0.1",
-            "127.0.0.1:4001",
+            "localhost:port",
+            "localhost.evil.example:4000",
             "evil.example:4000",
             "127.0.0.1:4000.evil.example",
         ] {

@@ -7,8 +7,8 @@ use super::access::{AccessCheck, Refusal, Token};
 use http_body_util::{BodyExt, Full, Limited};
 use hyper::body::{Bytes, Incoming};
 use hyper::header::{
-    CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HeaderMap, HeaderName,
-    HeaderValue, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
+    CACHE_CONTROL, CONNECTION, CONTENT_DISPOSITION, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HeaderMap,
+    HeaderName, HeaderValue, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
 };
 use hyper::server::conn::http1;
 use hyper::service::service_fn;
@@ -90,21 +90,24 @@ pub struct Answer {
     body: Bytes,
     /// The name of the file to save it as.
     name: Option<String>,
+    /// Whether the connection is closed after it.
+    is_last: bool,
 }
 
 impl Answer {
     /// A response with a body of this type.
     pub fn of(status: StatusCode, content_type: &'static str, body: impl Into<Bytes>) -> Answer {
-        Answer { status, content_type, body: body.into(), name: None }
+        Answer { status, content_type, body: body.into(), name: None, is_last: false }
     }
     /// A response with a value as JSON.
     pub fn json(status: StatusCode, value: &Value) -> Answer {
         Answer::of(status, "application/json", value.to_string())
     }
-    /// A request that is refused before it is looked at.
+    /// A request that is refused before it is looked at. Its connection is closed, so that a program that asks again and again
+    /// without permission does not take the place of the page of the owner.
     pub fn refused(refusal: Refusal) -> Answer {
         let (status, text) = refusal.answer();
-        Answer::of(status, TEXT, text)
+        Answer { is_last: true, ..Answer::of(status, TEXT, text) }
     }
     /// There is nothing of this name.
     pub fn not_found() -> Answer {
@@ -243,6 +246,9 @@ fn response(policy: &'static str, answer: Answer) -> Response<Full<Bytes>> {
         (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
     ] {
         headers.insert(name, HeaderValue::from_static(value));
+    }
+    if answer.is_last {
+        headers.insert(CONNECTION, HeaderValue::from_static("close"));
     }
     let attachment =
         answer.name.map(|name| HeaderValue::try_from(format!("attachment; filename=\"{name}\"")));

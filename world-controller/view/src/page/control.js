@@ -6,16 +6,16 @@ import { by, make } from "./dom.js";
 const VERSION = 1;
 
 /**
- * The parameters of commands: the fields to fill, each with its label and first value, and the text that they make.
- * @type {Record<string, { fields: [string, number][], text: (...values: string[]) => string }>}
+ * The parameters of commands: the fields to fill, each with its label, its first value and its unit, and the text that they make.
+ * @type {Record<string, { fields: [string, number, string?][], text: (...values: string[]) => string }>}
  */
 const PARAMETERS = {
   cell: { fields: [["x", 0], ["y", 0], ["z", 0]], text: (x, y, z) => `[${x}, ${y}, ${z}]` },
   shift: { fields: [["x", 1], ["y", 0]], text: (x, y) => `[${x}, ${y}]` },
-  number: { fields: [["no.", 0]], text: (number) => number },
-  percent: { fields: [["%", 20]], text: (percent) => `${percent}%` },
-  modules: { fields: [["from", 0], ["to", 0]], text: (first, last) => `${first}..${last}` },
-  lease: { fields: [["s", 60]], text: (seconds) => `for ${seconds}s` },
+  number: { fields: [["number", 0]], text: (number) => number },
+  percent: { fields: [["", 20, "%"]], text: (percent) => `${percent}%` },
+  modules: { fields: [["modules", 0], ["to", 0]], text: (first, last) => `${first}..${last}` },
+  lease: { fields: [["for", 60, "s"]], text: (seconds) => `for ${seconds}s` },
 };
 /** The longest time that a command holds, in seconds. */
 const LONGEST_LEASE = 600;
@@ -28,8 +28,9 @@ function parameter(kind, verb) {
   }
   const { fields, text } = PARAMETERS[kind];
   const bounds = { cell: {}, shift: {}, lease: { min: 1, max: LONGEST_LEASE }, percent: { min: 0, max: 100 } }[kind] ?? { min: 0 };
-  const inputs = fields.map(([name, value]) => make("input", { type: "number", step: 1, required: true, value, "aria-label": `${verb}: ${name}`, ...bounds }));
-  return { fields: fields.map(([name], i) => make("label", {}, name, inputs[i])), text: () => text(...inputs.map((input) => input.value)) };
+  const called = ([name, , unit]) => `${verb}: ${[name, unit && `in ${unit}`].filter(Boolean).join(" ")}`;
+  const inputs = fields.map((field) => make("input", { type: "number", step: 1, required: true, value: field[1], "aria-label": called(field), ...bounds }));
+  return { fields: fields.map(([name, , unit], i) => make("label", {}, name, inputs[i], unit ?? "")), text: () => text(...inputs.map((input) => input.value)) };
 }
 
 const random = () => [...crypto.getRandomValues(new Uint8Array(16))].map((b) => b.toString(16).padStart(2, "0")).join("");

@@ -440,6 +440,7 @@ try {
   page.setPlaying(false);
 } catch (error) {
   document.body.dataset.state = "failed";
+  by("outcome").textContent = "not shown";
   by("note").hidden = false;
   by("note").textContent = `The page cannot be shown: ${error.message}`;
   throw error;

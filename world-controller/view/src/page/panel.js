@@ -56,6 +56,7 @@ export class Panel {
     const { story } = this;
     const report = story.report;
     const text = story.outcome ?? (story.over ? "not over" : "running");
+    for (const button of document.querySelectorAll("[data-command]:not([data-refused])")) button.toggleAttribute("disabled", story.over);
     const reason = report?.reason ?? "";
     const key = [text, reason, ...story.troubles].join();
     if (this.outcomeText === key) return;
@@ -103,9 +104,11 @@ export class Panel {
   }
 
   numbers(t, { counts }) {
-    const { filled, goal } = this.story.progressAt(t);
+    const progress = this.story.progressAt(t);
+    const { omitted } = this.story.scene.goals[this.story.goalAt(t).goal] ?? { omitted: 0 };
     const facts = [
-      [`${this.story.scene.words.targets} filled`, `${number(filled)} / ${number(goal)}`],
+      [`${this.story.scene.words.targets} filled`, progress ? `${number(progress.filled)} / ${number(progress.goal)}` : "–"],
+      ...(omitted && progress ? [["of the shape", `${number(progress.goal)} / ${number(progress.goal + omitted)}`]] : []),
       ["alive", `${number(counts.alive)} / ${number(this.story.modules.length)}`],
       ["moving", number(counts.moving)],
       ["dead", number(counts.dead)],
@@ -113,6 +116,7 @@ export class Panel {
       ["messages/s", this.story.scene.messages ? number(this.story.messagesPerSecond(t)) : "–"],
     ];
     const list = this.part("numbers");
+    while (list.children.length > facts.length) list.lastChild.remove();
     facts.forEach(([name, value], i) => {
       const at = list.children[i] ?? list.appendChild(make("div", {}, make("dt"), make("dd")));
       if (at.children[0].textContent !== name) at.children[0].textContent = name;
@@ -183,7 +187,7 @@ export class Panel {
   /** Shows the chosen module at a time. */
   module(id, t, { talk, waits, circle }) {
     const section = this.part("module-section");
-    section.hidden = id === null;
+    section.hidden = this.part("module-facts").hidden = id === null;
     if (id === null) return;
     const { story, picture } = this;
     const known = picture.of(id, t, talk);
@@ -213,7 +217,6 @@ export class Panel {
     ].filter(([, value]) => value !== null);
     section.dataset.id = id;
     section.dataset.life = life;
-    for (const button of document.querySelectorAll("[data-command]:not([data-refused])")) button.toggleAttribute("disabled", story.over);
     const name = `${words.module} ${id}`;
     if (this.part("module-name").textContent !== name) this.part("module-name").textContent = name;
     this.part("module").replaceChildren(...facts.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))));

@@ -79,6 +79,8 @@ export class Picture {
   measure() {
     const points = [];
     const box = (middles) => {
+      // Of families whose goal is no shape.
+      if (!middles.length) return;
       const low = [0, 1, 2].map((i) => least(middles.map((c) => c[i])) - 0.5);
       const high = [0, 1, 2].map((i) => most(middles.map((c) => c[i])) + 0.5);
       for (let k = 0; k < 8; k++) points.push([0, 1, 2].map((i) => ((k >> i) & 1 ? high : low)[i]));
@@ -86,7 +88,7 @@ export class Picture {
     const start = this.story.modules.map(({ first }) => first.poses.slice(0, 3));
     const { floor } = this.story.scene;
     for (const goal of this.goals) box(goal.cells.map(middle));
-    if (!floor) box(start);
+    if (!floor) box(start.length || points.length ? start : [[0, 0, 0]]);
     else {
       const [xs, ys] = [0, 1].map((i) => [floor.min[i] - 0.5, floor.max[i] + 0.5]);
       for (const x of xs) for (const y of ys) points.push([x, y, 0]);

@@ -67,7 +67,7 @@ export class Renderer {
     // more pixels instead.
     this.slow = isSoftware();
     const context = canvas.getContext("webgl2", { alpha: false, antialias: !this.slow });
-    if (!context) throw new Error("this browser has no WebGL 2");
+    if (!context) throw new Error("this browser has no WebGL 2. `metamorph render` draws the same run without a browser, from its scenario or its journal");
     this.canvas = canvas;
     this.three = new WebGLRenderer({ canvas, context });
     this.three.outputColorSpace = LinearSRGBColorSpace;

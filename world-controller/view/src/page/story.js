@@ -292,10 +292,15 @@ export class Story {
     return Math.max(Math.min(Math.floor(t / this.width), this.totals.length - 1), 0);
   }
 
-  /** Returns the number of filled targets at a time, and the size of the goal. */
+  /**
+   * Returns the number of filled targets at a time, and the size of the goal; null if nothing is known. Where the goal is no shape
+   * it is known from the report.
+   */
   progressAt(t) {
     const [, , filled, goal] = this.totals[this.binAt(t)] ?? [[], 0, 0, 0];
-    return { filled, goal };
+    if (goal) return { filled, goal };
+    if (!this.report || t < this.now) return null;
+    return { filled: this.report.goal.filled, goal: this.report.goal.cells };
   }
 
   messagesPerSecond(t) {
