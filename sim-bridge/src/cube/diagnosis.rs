@@ -7,7 +7,7 @@ use crate::cube::registrar::Registrar;
 use crate::cube::world::CubeWorld;
 use metamorph_kernel::director::outcome::{Stall, Waiter};
 use metamorph_kernel::director::reason::Why;
-use metamorph_kernel::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_ACTIVE_TARGET, NO_PATH};
+use metamorph_kernel::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_ACTIVE_TARGET, NO_PATH, NO_SPARE};
 use metamorph_protocol::cube::control::Status;
 use metamorph_protocol::cube::epoch::Epoch;
 use metamorph_protocol::cube::message::Role;
@@ -81,7 +81,8 @@ impl<'a> Building<'a> {
         let spare: Vec<ModuleId> = (0..known.len())
             .filter(|i| known[*i].alive && !known[*i].is_final(epoch))
             .map(|i| ModuleId(i as u32))
-            .filter(|id| !world.is_stuck(*id))
+            // One that cannot move may be in its goal cell already.
+            .filter(|id| !world.is_stuck(*id) || goal.contains(world.cell(*id)))
             .collect();
         let mut stall = Stall {
             since,
@@ -93,7 +94,10 @@ impl<'a> Building<'a> {
             detected: None,
             proof: None,
         };
-        stall.reason = if spare.len() < unfilled.len() {
+        stall.reason = if spare.is_empty() && !unfilled.is_empty() {
+            NO_SPARE
+        } else if spare.len() < unfilled.len() {
+            stall.waiting = spare.iter().map(|id| waiter(known, *id)).take(20).collect();
             MATERIAL_EXHAUSTED
         } else if targets.is_empty() {
             NO_ACTIVE_TARGET
@@ -371,7 +375,10 @@ pub(super) mod tests {
         let row = [[0, 0, 0], [1, 0, 0], [2, 0, 0]];
         let tower = [[0, 0, 0], [0, 0, 1]];
         check(&row, &[(true, root), (true, spare), (true, spare)], &tower, BLOCKED);
-        check(&row, &[(true, root), (false, spare), (false, spare)], &tower, MATERIAL_EXHAUSTED);
+        check(&row, &[(true, root), (false, spare), (false, spare)], &tower, NO_SPARE);
+        let mast = [[0, 0, 0], [0, 0, 1], [0, 0, 2]];
+        let left = check(&row, &[(true, root), (true, spare), (false, spare)], &mast, MATERIAL_EXHAUSTED);
+        assert_eq!(left.waiting.iter().map(|w| w.module.0).collect::<Vec<_>>(), [1]);
         check(&row, &[(false, root), (true, spare), (true, spare)], &tower, NO_ACTIVE_TARGET);
         // The end of the row could walk over the dead middle.
         check(&row, &[(true, root), (false, spare), (true, spare)], &tower, BLOCKED);

@@ -4,14 +4,16 @@
 use crate::cube::calls::{CallProgress, Calls, Swarm};
 use crate::cube::diagnosis::{Building, Known};
 use crate::cube::global_plan::GlobalPlan;
-use crate::cube::reachability::StandstillSnapshot;
+use crate::cube::reachability::{StandstillSnapshot, search};
 use crate::cube::registrar::Registrar;
 use crate::cube::world::CubeWorld;
 use metamorph_kernel::director::faults::{Fault, FaultRecord, Schedule};
 use metamorph_kernel::director::monitor::{RunMonitor, Standing};
-use metamorph_kernel::director::outcome::Outcome;
+use metamorph_kernel::director::outcome::{Outcome, Stall};
 use metamorph_kernel::director::port::DirectorPort;
 use metamorph_kernel::director::progress::{Progress, Stage, Stop};
+use metamorph_kernel::director::proof::{Found, RuleSet};
+use metamorph_kernel::director::reason::Proves;
 use metamorph_kernel::director::rescue::{Help, Rescue};
 use metamorph_kernel::director::standstills::PATIENCE;
 use metamorph_kernel::director::steering::Steering as Wish;
@@ -53,7 +55,12 @@ pub struct Director {
     leased: Time,
     /// The state in which the last fault left the modules, or the opening of the goal if that was later; with what identifies it.
     before: Option<(Disturbance, StandstillSnapshot)>,
+    /// Whether it is proved of the present standstill that no cell can be filled any more.
+    is_stranded: bool,
 }
+
+/// Search budget of the proof that no cell can be filled any more: arrangements of cubes examined, times the number of modules.
+const PROOF_EFFORT: usize = 2_000_000;
 
 /// The time of the last fault, the goal, and the number of living modules.
 type Disturbance = (Time, u16, usize);
@@ -86,6 +93,7 @@ impl Director {
             last_fault: Time::ZERO,
             leased: Time::ZERO,
             before: None,
+            is_stranded: false,
         }
     }
 
@@ -256,6 +264,7 @@ impl Director {
                 && !is_built
             {
                 let stall = self.building().diagnose(world, since);
+                self.is_stranded = self.is_hopeless(world, &stall);
                 self.monitor.begin_standstill(stall);
             }
             if self.global_plan.is_active() {
@@ -301,7 +310,22 @@ impl Director {
         let is_planned = self.monitor.is_event_planned(now) || now < self.leased;
         let no_gain_since = last_gain.max(self.last_fault).max(stop.planned_until).max(self.leased);
         let idle_since = last_action.max(no_gain_since);
-        Standing { is_planned, is_stranded: false, idle_since, no_gain_since }
+        let is_stranded = self.is_stranded && self.monitor.standstills().is_present();
+        Standing { is_planned, is_stranded, idle_since, no_gain_since }
+    }
+
+    /// Returns true if the goal cannot be completed, and it is proved that no further cell of it can be filled either, as long as
+    /// walkers carry no other module: then there is nothing to wait for.
+    fn is_hopeless(&self, world: &CubeWorld, stall: &Stall) -> bool {
+        let proved = || {
+            let bound = PROOF_EFFORT / self.known.len().max(1);
+            search(&self.building().snapshot(world), RuleSet::Carried, bound)
+        };
+        match stall.reason.proves {
+            Proves::Counted => true,
+            Proves::Incomplete => matches!(proved(), Found::Impossible(_)),
+            Proves::Nothing | Proves::NotHere => false,
+        }
     }
 
     /// Returns the time since which the swarm stands still, if that is noticed now.

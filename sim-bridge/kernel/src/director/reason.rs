@@ -72,11 +72,18 @@ pub const BLOCKED: Reason = Reason::new(
     Excuse::Never,
     "deadlock: a spare module has a way to a goal cell and does not take it",
 );
-/// There are fewer live spare modules that can move than cells to fill.
+/// There are fewer live spare modules that can move than cells to fill, so the goal cannot be completed.
 pub const MATERIAL_EXHAUSTED: Reason = Reason::new(
     "material-exhausted",
     Excuse::Always,
     "material exhausted: fewer live spare modules than goal cells to fill",
+)
+.proving(Proves::Incomplete);
+/// There is no live spare module that can move.
+pub const NO_SPARE: Reason = Reason::new(
+    MATERIAL_EXHAUSTED.name,
+    Excuse::Always,
+    "material exhausted: no live spare module is left that can move to a goal cell",
 )
 .proving(Proves::Counted);
 /// No path leads to a goal cell, even over dead modules.

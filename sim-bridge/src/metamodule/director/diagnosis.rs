@@ -10,7 +10,7 @@ use crate::metamodule::reasons::{
 use crate::metamodule::relocation::Elsewhere;
 use metamorph_kernel::director::outcome::{Proof, Stall, Waiter};
 use metamorph_kernel::director::reason::Why;
-use metamorph_kernel::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_PATH};
+use metamorph_kernel::director::reason::{BLOCKED, MATERIAL_EXHAUSTED, NO_PATH, NO_SPARE};
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::message::Status;
@@ -57,6 +57,8 @@ impl Diagnosis<'_> {
             ELEMENT_PINNED
         } else if is_off_colour(self.view) {
             ELEMENT_OFF_COLOUR
+        } else if free.is_empty() && !unfilled.is_empty() {
+            NO_SPARE
         } else if free.len() < unfilled.len() {
             MATERIAL_EXHAUSTED
         } else if self.view.is_seed_blocked(&stays) {
