@@ -16,7 +16,7 @@ start = { box = { min = [0, 0, 0], max = [5, 3, 0] } }
 
 [[goal]]
 shape = { box = { min = [0, 0, 0], max = [4, 4, 0] } }
-
+growth = "scaffold"
 [stop]
 timeout = "500s"
 "#;
@@ -67,7 +67,7 @@ fn bad_scenarios_are_refused_with_place_reason_and_fix() {
             with("[swarm]", "[swarm]\nfamily = \"metamodule\""),
             &["unknown key `box` in floor", "two coordinates of a connector"],
         ),
-        (with(goal, &format!("{goal}\ngrowth = \"quick\"")), &["unknown growth `quick`", "scaffold, solid"]),
+        (with("growth = \"scaffold\"", "growth = \"quick\""), &["unknown growth `quick`", "solid, scaffold"]),
         // The goal and the swarm.
         (
             with("max = [4, 4, 0]", "max = [9, 9, 0]"),
@@ -183,6 +183,9 @@ fn bad_options_are_refused_like_lines_of_the_scenario() {
         (&["--delay", "5"], &["no known unit"]),
         (&["--time-scale", "-1"], &["time_scale is -1"]),
         (&["--set", "link.lose=5%"], &["--set link.lose=5%: unknown key `lose`", "did you mean `loss`?"]),
+        (&["--set", "loss=5%"], &["--set loss=5%: unknown key `loss`", "did you mean `link.loss`?"]),
+        (&["--set", "timeout=5s"], &["did you mean `stop.timeout`?"]),
+        (&["--set", "co_owners=false"], &["did you mean `protocol.co_owners`?"]),
         (&["--set", "link.loss=120%"], &["--set link.loss=120%: `120%` is not between 0 and 1"]),
         (&["--set", "link.loss"], &["--set link.loss: `link.loss` is not of the form KEY=VALUE"]),
         (
@@ -344,7 +347,7 @@ fn counts_add_up() {
 fn quiet_prints_nothing_and_the_file_is_written() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("report.json");
-    fs::write(&file, "something older and longer than nothing").unwrap();
+    fs::write(&file, "{\"schema\": 1, \"older\": \"and longer than nothing\"}").unwrap();
     let ran = on(SMALL, &["run", "{}", "--link", "sim", "--quiet", "--json", &file.display().to_string()]);
     assert_eq!((ran.code, ran.out.as_str(), ran.err.as_str()), (Some(0), "", ""));
     assert_eq!(report(&fs::read_to_string(&file).unwrap()).outcome, "built");

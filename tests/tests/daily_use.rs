@@ -325,3 +325,142 @@ fn doctor_names_leftovers() {
     assert_eq!((one["state"].as_str(), one["found"].as_str()), (Some("warn"), Some("1 dead run")), "{one}");
     assert!(ran.code == Some(0) && one["fix"] == "metamorph clean", "{ran:?}");
 }
+
+/// A scaffold leaves cells out. Nothing may pass that for the shape that was drawn.
+#[test]
+fn all_that_is_drawn_is_built_or_said_to_be_left_out() {
+    let head = "version = 1\n[swarm]\nstart = { box = { min = [0, 0, 0], max = [9, 9, 0] } }\n[[goal]]\n";
+    let block = "shape = { box = { min = [0, 0, 0], max = [4, 2, 2] } }\n";
+    let ball = "shape = { sphere = { center = [4, 4, 0], radius = 1 } }\n";
+    // Steps of one cell in width, so that only every second cell is at even distances from a seed.
+    let stairs = "shape = { union = [{ box = { min = [0, 0, 0], max = [3, 3, 0] } }, { box = { min = [0, 1, 1], max = [2, 3, 1] } }, \
+                  { box = { min = [0, 2, 2], max = [1, 3, 2] } }] }\n";
+    // The shape, its growth, and the cells of the goal and of the shape.
+    let cases = [
+        (block, "", 45, 45),
+        (block, "growth = \"scaffold\"\n", 32, 45),
+        (block, "growth = \"scaffold\"\nseed = [2, 2, 0]\n", 32, 45),
+        (block, "growth = \"scaffold\"\nseed = [1, 1, 0]\n", 8, 45),
+        (ball, "", 7, 7),
+        (stairs, "", 29, 29),
+    ];
+    let directory = tempfile::tempdir().unwrap();
+    let at = |args: &[&str]| within(directory.path(), args);
+    for (shape, growth, cells, drawn) in cases {
+        fs::write(directory.path().join("a.toml"), [head, shape, growth].concat()).unwrap();
+        let said = format!("{cells} of the {drawn} cells of your shape");
+        let is_whole = cells == drawn;
+        let checked = at(&["check", "a.toml"]);
+        assert_eq!(checked.out.contains(&said), !is_whole, "{growth}{shape}{}", checked.out);
+        let ran = at(&[
+            "run",
+            "a.toml",
+            "--link",
+            "sim",
+            "--json",
+            "-",
+            "--html",
+            "r.html",
+            "--journal",
+            "r.journal",
+        ]);
+        let report = json(&ran);
+        assert_eq!(
+            (&report["outcome"], &report["goal"]["cells"]),
+            (&"built".into(), &cells.into()),
+            "{growth}{shape}"
+        );
+        assert_eq!(report["stages"][0]["omitted"], drawn - cells);
+        let page = fs::read_to_string(directory.path().join("r.html")).unwrap();
+        assert_eq!((ran.err.contains(&said), page.contains(&said)), (!is_whole, !is_whole), "{}", ran.err);
+        let drawn_to = at(&["render", "r.journal", "--out", "r.svg"]);
+        assert_eq!(drawn_to.code, Some(0), "{drawn_to:?}");
+        let legend = format!("goal ({cells} of the {drawn} cells of the shape)");
+        assert_eq!(fs::read_to_string(directory.path().join("r.svg")).unwrap().contains(&legend), !is_whole);
+    }
+}
+
+/// A file that something else wrote, such as a scenario, is replaced only with `--force`.
+#[test]
+fn only_own_files_are_replaced() {
+    let directory = tempfile::tempdir().unwrap();
+    let (at, file) = (|args: &[&str]| within(directory.path(), args), directory.path().join("mine"));
+    let run = ["run", "swarm", "--link", "sim", "--quiet"];
+    let mine = "version = 1\n[swarm]\n";
+    for (option, kind) in [("--journal", "a journal"), ("--json", "a JSON document"), ("--html", "a page")] {
+        fs::write(&file, mine).unwrap();
+        let refused = at(&[&run[..], &[option, "mine"]].concat());
+        assert_eq!(
+            (refused.code, fs::read_to_string(&file).unwrap().as_str()),
+            (Some(2), mine),
+            "{refused:?}"
+        );
+        assert!(
+            refused.err.contains(&format!("not {kind} of this program")) && refused.err.contains("--force")
+        );
+        for more in [&["--force"][..], &[]] {
+            let ran = at(&[&run[..], &[option, "mine"], more].concat());
+            assert_eq!(ran.code, Some(0), "{ran:?}");
+        }
+    }
+    for _ in 0..2 {
+        assert_eq!(at(&[&run[..], &["--csv", "tables"]].concat()).code, Some(0));
+    }
+    fs::write(directory.path().join("tables/time.csv"), "Name,Surname\n").unwrap();
+    assert_eq!(at(&[&run[..], &["--csv", "tables"]].concat()).code, Some(2));
+}
+
+/// A goal that needs every module, of which some are killed: `check` warns, and the run ends when nothing can change.
+#[test]
+fn a_goal_without_spares_is_warned_of_and_given_up_in_time() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |args: &[&str]| within(directory.path(), args);
+    let text = "version = 1\n[swarm]\nstart = { box = { min = [0, 0, 0], max = [11, 9, 0] } }\nmove_time = \"1s\"\n[[goal]]\n\
+                shape = { box = { min = [3, 3, 0], max = [7, 6, 5] } }\n[[fault]]\nkill = [3, 77]\nat = \"5s\"\n";
+    fs::write(directory.path().join("a.toml"), text).unwrap();
+    let checked = at(&["check", "a.toml"]);
+    assert!(
+        checked.out.contains("warning   goal 1: 120 modules for 120 cells; 2 are to be killed"),
+        "{}",
+        checked.out
+    );
+    let few = at(&["check", "a.toml", "--set", "goal.0.shape.box.max=[7, 6, 4]"]);
+    assert!(!few.out.contains("warning"), "100 cells leave 18 spares: {}", few.out);
+    let ran = at(&["run", "a.toml", "--link", "sim", "--json", "-"]);
+    let report: Value = serde_json::from_str(&ran.out).unwrap();
+    let stall = &report["deadlocks"][0];
+    assert_eq!(
+        (&report["outcome"], &stall["reason"]),
+        (&"deadlock".into(), &"material-exhausted".into()),
+        "{}",
+        ran.err
+    );
+    // The default bound of a deadlock is 300 s.
+    let waited = report["time"]["virtual_s"].as_f64().unwrap() - stall["since_s"].as_f64().unwrap();
+    assert!(waited < 100.0, "{waited} s after the last move");
+    let left = stall["waiting"].as_array().unwrap();
+    assert!(
+        !left.is_empty() && left.iter().all(|w| w["why"].as_str().is_some_and(|why| !why.is_empty())),
+        "{stall}"
+    );
+}
+
+/// Colours are for terminals unless they are asked for; `render` has an option of the same name for its figures.
+#[test]
+fn colours_are_chosen() {
+    let directory = tempfile::tempdir().unwrap();
+    let run = ["run", "swarm", "--link", "sim"];
+    let has_colour = |args: &[&str]| {
+        let ran = within(directory.path(), args);
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+        ran.out.contains('\u{1b}')
+    };
+    for (options, expected) in
+        [(&[][..], false), (&["--color", "always"], true), (&["--color", "never"], false)]
+    {
+        assert_eq!(has_colour(&[&run[..], options].concat()), expected, "{options:?}");
+        assert_eq!(has_colour(&[options, &run[..]].concat()), expected, "{options:?} before the command");
+    }
+    has_colour(&["--color", "never", "render", "swarm", "--color", "level", "--out", "a.svg"]);
+    assert_eq!(within(directory.path(), &["run", "swarm", "--color", "blue"]).code, Some(2));
+}

@@ -131,6 +131,8 @@ version = 1
 start = { box = { min = [0, 0, 0], max = [9, 9, 0] } }
 [[goal]]
 shape = { sphere = { center = [5, 5, 0], radius = 4 } }
+seed = [5, 5, 0]
+growth = "scaffold"
 [[fault]]
 restart = 50
 at = "8s"

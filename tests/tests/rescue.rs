@@ -23,6 +23,8 @@ version = 1
 start = { box = { min = [0, 0, 0], max = [9, 5, 1] } }
 [[goal]]
 shape = { sphere = { center = [4, 2, 1], radius = 4 } }
+seed = [4, 2, 1]
+growth = "scaffold"
 [[fault]]
 crash = { fraction = "35%", between = "0s..20s" }
 [stop]

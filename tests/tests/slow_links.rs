@@ -16,6 +16,7 @@ family = \"cube\"
 start = { box = { min = [0, 0, 0], max = [5, 5, 0] } }
 [[goal]]
 shape = { sphere = { center = [2, 2, 2], radius = 2 } }
+growth = \"scaffold\"
 ";
 
 fn run(text: &str, delay: &str, loss: &str, seed: u64) -> Report {

@@ -21,10 +21,11 @@ use thiserror::Error;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Growth {
-    /// Corners and edges of a cubic scaffold; any lower neighbour may start a cell.
-    #[default]
+    /// Corners and edges of a cubic scaffold; any lower neighbour may start a cell. Leaves out about half of the shape, and
+    /// all of it that is thinner than the scaffold's step of two cells, so it is chosen and never assumed.
     Scaffold,
     /// Every cell; all lower neighbours must be filled before a cell is started.
+    #[default]
     Solid,
 }
 

@@ -128,7 +128,7 @@ fn scenario(start: &str, goal: &str, seed: [u16; 3]) -> String {
     format!(
         "version = 1\nseed = 1\n\
          [swarm]\nstart = {start}\nmove_time = \"1s\"\n\
-         [[goal]]\nshape = {goal}\nseed = {seed:?}\n\
+         [[goal]]\nshape = {goal}\nseed = {seed:?}\ngrowth = \"scaffold\"\n\
          [link]\ndelay = \"50ms..200ms\"\n\
          [stop]\ntimeout = \"20000s\"\n"
     )

@@ -28,6 +28,7 @@ use growth::Shape;
 use machine::Machine;
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::{OutputError, Outputs};
+use metamorph_console::output_kind::OutputKind;
 use metamorph_console::terminal::{Channel, Live};
 use metamorph_module_agent::transport::TransportError;
 use metamorph_module_agent::transport::iceoryx::rendezvous::ChannelError;
@@ -162,7 +163,7 @@ pub struct Results {
 
 /// Executes the request, and returns the exit code.
 pub fn bench(request: &Request) -> Result<u8, BenchError> {
-    let json = Outputs::new().writes("--json", &request.json)?;
+    let json = Outputs::new().writes("--json", &request.json, OutputKind::Json)?;
     let wanted = |name| request.names.is_empty() || request.names.contains(&name);
     let most = request.most.unwrap_or(u64::MAX);
     let channel = Channel::beside(false, request.quiet);

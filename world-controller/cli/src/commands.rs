@@ -5,8 +5,10 @@ use crate::{
     agent, bench, check, clean, diff, doctor, explore, export, host, learn, new, plan, reference, render,
     replay, reproduce, resume, robot, run, scenarios, shape, structure, sweep, view,
 };
+use clap::builder::EnumValueParser;
 use clap::{Arg, ArgAction, ArgMatches};
 use metamorph_console::command::{Call, Command, Group};
+use metamorph_console::terminal::ColorChoice;
 use metamorph_text::command_error::{BAD_USAGE, Failure};
 use std::sync::{Mutex, PoisonError};
 use thiserror::Error;
@@ -53,7 +55,7 @@ Examples:
   metamorph clean                                        remove what killed runs left behind
 
 An output file appears at the end of a command, complete; it must not be another file that the command
-reads or writes. If standard output cannot be written, the exit code is 1; a reader that closes it early
+reads or writes. A file that is there is replaced if metamorph wrote it as the same kind of file, or with --force. If standard output cannot be written, the exit code is 1; a reader that closes it early
 (`| head`) is not an error.
 
 Logs go to standard error; -v, -vv and -vvv show more, and METAMORPH_LOG takes filters such as
@@ -99,6 +101,21 @@ pub fn command_line() -> clap::Command {
         .action(ArgAction::Count)
         .global(true)
         .display_order(998);
+    let force = Arg::new("force").long("force").action(ArgAction::SetTrue).global(true).display_order(997);
+    let color = Arg::new("color")
+        .long("color")
+        .value_name("WHEN")
+        .value_parser(EnumValueParser::<ColorChoice>::new())
+        .global(true)
+        .display_order(996)
+        .help("Colour the output: on terminals, also in files and pipes, or not at all; default: auto");
+    // Figures have colours of their own; there the option is given before the command.
+    let defined = all().into_iter().map(|command| {
+        let own = command.define();
+        let has_color = own.get_arguments().any(|argument| argument.get_long() == Some("color"));
+        if has_color { own } else { own.arg(color.clone()) }
+    });
+    let subcommands: Vec<clap::Command> = defined.collect();
     clap::Command::new("metamorph")
         .version(env!("CARGO_PKG_VERSION"))
         .about(
@@ -107,7 +124,9 @@ pub fn command_line() -> clap::Command {
         .subcommand_required(true)
         .arg_required_else_help(true)
         .arg(verbose.help("Log more to standard error; repeatable"))
-        .subcommands(all().iter().map(|command| command.define()))
+        .arg(color.global(false))
+        .arg(force.help("Replace output files that metamorph did not write"))
+        .subcommands(subcommands)
         .help_template(format!(
             "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{}Options:\n{{options}}{{after-help}}",
             groups()

@@ -5,8 +5,9 @@ use crate::log;
 use metamorph_bench as bench;
 use metamorph_console::command::Call;
 use metamorph_console::interrupt::Interrupt;
+use metamorph_console::output_kind::replace_any_file;
 use metamorph_console::stopwatch::Stopwatch;
-use metamorph_console::terminal::{self, note, print_error};
+use metamorph_console::terminal::{self, ColorChoice, choose_color, note, print_error};
 use metamorph_processes::{family, swarm};
 use metamorph_text::command_error::{BAD_USAGE, CommandError, FAILED, Failure};
 use metamorph_text::escape::Shown;
@@ -46,6 +47,14 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Ok(line) => line,
         Err(error) => return ExitCode::from(refuse(&error, &args)),
     };
+    let of_command =
+        line.subcommand().and_then(|(_, own)| own.try_get_one::<ColorChoice>("color").ok().flatten());
+    if let Some(choice) = of_command.or_else(|| line.get_one("color")) {
+        choose_color(*choice);
+    }
+    if line.get_flag("force") {
+        replace_any_file();
+    }
     let carried_out = log::to_stderr(line.get_count("verbose"))
         .map_err(Failure::from)
         .and_then(|()| Interrupt::listen().map_err(|error| NoSignals(error).into()))

@@ -1,5 +1,6 @@
 //! The log on standard error: which of its lines are shown.
 
+use metamorph_console::terminal::has_color;
 use metamorph_text::command_error::{BAD_USAGE, CommandError};
 use metamorph_text::escape::Shown;
 use std::ffi::OsStr;
@@ -39,7 +40,7 @@ pub fn to_stderr(verbose: u8) -> Result<(), WrongFilter> {
         Some(filters) => read(&filters)?,
         None => default(verbose),
     };
-    let ansi = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
+    let ansi = has_color(std::io::stderr().is_terminal());
     let lines = fmt::layer().with_writer(std::io::stderr).with_ansi(ansi);
     // Fails only if a subscriber is already installed.
     let _ = registry().with(lines).with(targets).try_init();

@@ -9,6 +9,7 @@ use clap::{Args, ValueEnum};
 use metamorph_console::command::{CommandOf, Group};
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::{Json, Outputs};
+use metamorph_console::output_kind::OutputKind;
 use metamorph_console::stopwatch::Stopwatch;
 use metamorph_console::terminal::{Channel, Live, print_error};
 use metamorph_free_modules::plan::document::{Answer, PlanFile, Verdict};
@@ -312,7 +313,7 @@ pub fn plan(args: &PlanArgs, interrupt: &Interrupt) -> Result<(u8, Option<PlanFi
         return Err(PlanError::option("--planner", "this planner is for scenarios with elements", fix).into());
     }
     let problem = problem(args)?;
-    let file = args.out.as_ref().map(|file| outputs.writes("-o", file)).transpose()?;
+    let file = args.out.as_ref().map(|file| outputs.writes("-o", file, OutputKind::Json)).transpose()?;
     interrupt.begin();
     let answer = solve(&problem, args.timeout.as_deref().map(timeout).transpose()?, interrupt, !args.quiet);
     // A plan is only as good as its check, which shares nothing with the search.

@@ -4,6 +4,7 @@ use crate::render::RenderArgs;
 use clap::ValueEnum;
 use maud::Markup;
 use metamorph_console::output::{OutputError, Outputs};
+use metamorph_console::output_kind::OutputKind;
 use metamorph_console::terminal::{Channel, print_data};
 use metamorph_experiments::sweep::plot::{self, Quantity};
 use metamorph_experiments::sweep::summary::Summary;
@@ -127,8 +128,10 @@ fn write(args: &RenderArgs) -> Result<u8, PlotError> {
     } else {
         outputs.reads("the report", &args.file);
     }
-    let table = args.table.as_deref().map(|file| outputs.writes("--table", file)).transpose()?;
-    let out = args.out.as_deref().map(|file| outputs.writes("--out", file)).transpose()?;
+    let table =
+        args.table.as_deref().map(|file| outputs.writes("--table", file, OutputKind::Csv)).transpose()?;
+    let out =
+        args.out.as_deref().map(|file| outputs.writes("--out", file, OutputKind::Picture)).transpose()?;
     if let Some(file) = args.out.as_ref().filter(|file| file.extension().is_none_or(|e| e != "svg")) {
         return Err(PlotError::Format(file.clone()));
     }

@@ -5,6 +5,7 @@ use clap::{Args, ValueEnum};
 use clap_complete::Shell;
 use metamorph_console::command::{CommandOf, Group};
 use metamorph_console::output::Outputs;
+use metamorph_console::output_kind::OutputKind;
 use metamorph_console::terminal::print_data;
 use metamorph_experiments::sweep::summary::Summary;
 use metamorph_free_modules::gait::document::GaitFile;
@@ -178,7 +179,7 @@ pub static MAN: CommandOf<ManArgs> = CommandOf {
 fn write_pages(args: &ManArgs) -> Result<u8, Failure> {
     let path = args.dir.shown();
     for (file, page) in man(args).map_err(|error| PagesError { path, error })? {
-        Outputs::new().writes("man", &file)?.write(page)?;
+        Outputs::new().writes("man", &file, OutputKind::Manual)?.write(page)?;
     }
     Ok(0)
 }

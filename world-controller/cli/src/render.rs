@@ -6,6 +6,7 @@ use clap::Args;
 use metamorph_console::command::{CommandOf, Group};
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::{Output, OutputError, Outputs};
+use metamorph_console::output_kind::OutputKind;
 use metamorph_console::stopwatch::Stopwatch;
 use metamorph_console::terminal::{Channel, Live, print_data, print_error};
 use metamorph_experiments::sweep::plot::Quantity;
@@ -143,7 +144,7 @@ pub fn render(args: RenderArgs, since: Stopwatch, interrupt: &Interrupt) -> Resu
     let mut outputs = Outputs::new();
     outputs.reads("the run", &args.file);
     let output = args.out.as_deref().filter(|_| !matches!(target, Target::Numbered(_)));
-    let output = output.map(|file| outputs.writes("--out", file)).transpose()?;
+    let output = output.map(|file| outputs.writes("--out", file, OutputKind::Picture)).transpose()?;
     interrupt.begin();
     let drawn = if is_scenario(family::sources(), &args.file) {
         simulated(&args, since, interrupt)?
@@ -280,7 +281,7 @@ fn write_series(
             Kind::Png => request::png(&figure, picture, &style)?.0,
             Kind::Svg | Kind::Moving(_) => picture.svg().into_bytes(),
         };
-        Ok::<_, RenderError>(outputs.writes("--out", &path)?.write(&data)?)
+        Ok::<_, RenderError>(outputs.writes("--out", &path, OutputKind::Picture)?.write(&data)?)
     })?;
     Ok(format!("until {}, {}", seconds(end.as_secs_f64()), many(written.into(), "file")))
 }

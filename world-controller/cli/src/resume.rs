@@ -7,6 +7,7 @@ use clap::Args;
 use metamorph_console::command::{CommandOf, Group};
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::Outputs;
+use metamorph_console::output_kind::OutputKind;
 use metamorph_console::stopwatch::Stopwatch;
 use metamorph_console::terminal::Live;
 use metamorph_processes::family::{self, families};
@@ -72,7 +73,7 @@ fn resume(args: ResumeArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u
     outputs.reads("the scenario", Path::new(&plan.origin));
     plan.files.iter().for_each(|file| outputs.reads("a file that the scenario names,", file));
     outputs.reads_directory("a part of the journal,", &parts_of(&args.file));
-    outputs.writes("the journal", &args.file)?;
+    outputs.writes("the journal", &args.file, OutputKind::Journal)?;
     let asked = Asked {
         json: args.json,
         html: args.html,

@@ -8,6 +8,7 @@ use clap::Args;
 use metamorph_console::command::{CommandOf, Group};
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::Outputs;
+use metamorph_console::output_kind::OutputKind;
 use metamorph_console::stopwatch::Stopwatch;
 use metamorph_console::terminal::Live;
 use metamorph_processes::family::{self, run_simulated};
@@ -97,7 +98,7 @@ fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Fai
     let journal = args.journal.or_else(|| Some(args.csv?.join("run.journal")));
     if let Some(file) = &journal {
         // The journal is written during the run; only its permission is checked here.
-        outputs.writes(option, file)?;
+        outputs.writes(option, file, OutputKind::Journal)?;
     }
     let asked = Asked {
         json: args.json,

@@ -3,6 +3,7 @@
 use crate::scenario_args::SimulatedArgs;
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::{Json, Output, Outputs};
+use metamorph_console::output_kind::OutputKind;
 use metamorph_console::terminal::{self, Channel, print_error};
 use metamorph_families::free_module::plan_scene::plan_scene;
 use metamorph_free_modules::plan::document::PlanFile;
@@ -13,12 +14,13 @@ use metamorph_report::human;
 use metamorph_report::page::page;
 use metamorph_report::schema::Report;
 use metamorph_scenario::{LinkKind, Overrides, Plan, quote};
+use metamorph_scene::scene::Scene;
 use metamorph_scene::shared::Shared;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_text::command_error::{BAD_USAGE, CommandError, FAILED, Failure};
 use metamorph_text::escape::{Shown, portable};
 use metamorph_view::http::ServerError;
-use metamorph_view::request::{Command, Origin};
+use metamorph_view::request::{Command, Origin, Request, Source};
 use metamorph_view::saved::Subject;
 use metamorph_view::server::Server;
 use std::path::{Path, PathBuf};
@@ -69,7 +71,7 @@ impl Show {
         interrupt.begin();
         let Asked { json, html, journal, view, control, quiet } = asked;
         let json = Json::of(json.as_deref(), outputs)?;
-        let html = html.map(|file| outputs.writes("--html", &file)).transpose()?;
+        let html = html.map(|file| outputs.writes("--html", &file, OutputKind::Html)).transpose()?;
         let watched = view || html.is_some();
         let messages = plan.overrides.link == LinkKind::Sim;
         let scene = watched.then(|| Shared::new(scene(plan, messages)));
@@ -110,7 +112,7 @@ impl Show {
         if let (Some(file), Some(scene)) = (&html, &scene) {
             let scene = scene.lock();
             let (width, bins) = scene.bins();
-            file.write(page(report, plan, width, bins))?;
+            file.write(page(report, plan, width, bins, picture(&scene, plan).as_deref()))?;
         }
         written?;
         if view {
@@ -121,6 +123,23 @@ impl Show {
         }
         let outcome = Outcome::ALL.into_iter().find(|o| o.name() == report.outcome);
         Ok(outcome.map_or(FAILED, Outcome::exit_code))
+    }
+}
+
+/// Returns a picture of a scene at its end, as SVG; `None` if it cannot be drawn.
+fn picture(scene: &Scene, plan: &Plan) -> Option<String> {
+    let origin = Origin { title: plan.title(), seed: plan.seed, command: Command::Run(plan.repeat_with()) };
+    let swarm = family::of(plan).shown(plan);
+    let source = Source { scene, swarm: &*swarm, origin: &origin, trace: scene.trace_hash() };
+    let request = Request::of_query("").ok()?;
+    let style = request.style(false);
+    let drawn = source.time(request.at).and_then(|end| source.figure(&request, &style, end).still(end));
+    match drawn {
+        Ok(picture) => Some(picture.svg()),
+        Err(error) => {
+            tracing::debug!("the report has no picture: {error}");
+            None
+        }
     }
 }
 

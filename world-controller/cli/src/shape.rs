@@ -5,6 +5,7 @@ use crate::modules::modules;
 use clap::{Args, ValueEnum};
 use metamorph_console::command::{CommandOf, Group};
 use metamorph_console::output::{OutputError, Outputs};
+use metamorph_console::output_kind::OutputKind;
 use metamorph_console::terminal::print_out;
 use metamorph_processes::family::families;
 use metamorph_processes::family::sources;
@@ -178,7 +179,7 @@ pub fn read(args: &ShapeArgs) -> Result<(Import, Imported), ShapeError> {
 pub fn shape(args: &ShapeArgs, families: Families) -> Result<Shown, ShapeError> {
     let mut outputs = Outputs::new();
     outputs.reads("the file", &args.file);
-    let svg = args.svg.as_ref().map(|path| outputs.writes("--svg", path)).transpose()?;
+    let svg = args.svg.as_ref().map(|path| outputs.writes("--svg", path, OutputKind::Picture)).transpose()?;
     let written = args.write.as_ref().map(|path| outputs.creates("--write", path)).transpose()?;
     let growth = match args.growth {
         GrowthArg::Solid => Growth::Solid,
@@ -229,7 +230,7 @@ pub fn shape(args: &ShapeArgs, families: Families) -> Result<Shown, ShapeError> 
 }
 
 /// Describes the file and its cells.
-pub fn describe(text: &mut String, file: &Path, Imported { cells, mesh, .. }: &Imported) {
+pub fn describe(text: &mut String, file: &Path, Imported { cells, mesh, notes, .. }: &Imported) {
     let _ = writeln!(text, "{}", file.shown());
     if let Some(mesh) = mesh {
         let [x, y, z] = mesh.size.map(|s| s as f32);
@@ -238,6 +239,9 @@ pub fn describe(text: &mut String, file: &Path, Imported { cells, mesh, .. }: &I
     }
     let (min, max) = corners(cells).unwrap_or_default();
     let _ = writeln!(text, "  cells     {}, from {min} to {max}", count(cells.len() as u64));
+    for note in notes {
+        let _ = writeln!(text, "  note: {note}");
+    }
 }
 
 /// Returns the cell nearest to the centre of the bounding box.

@@ -42,9 +42,9 @@ pub struct SweepArgs {
     /// The seeds, from A to B without B: 0..1000 are 1,000 runs
     #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     pub seeds: String,
-    /// Run with each of these values of a key, for example link.loss=0%,1%,5% (repeatable: every
+    /// Run with each of these values of a key, for example link.loss=0%,1%,5%; one value sets it in all runs (repeatable: every
     /// combination is run)
-    #[arg(long, value_name = "KEY=V1,V2,..", allow_hyphen_values = true)]
+    #[arg(long, visible_alias = "set", value_name = "KEY=V1,V2,..", allow_hyphen_values = true)]
     pub vary: Vec<String>,
     /// Number of concurrent runs; default: the number of processors
     #[arg(long, value_name = "N")]

@@ -1,6 +1,7 @@
 //! The file system as a source of files, and the cache of the user.
 
 use crate::output::Outputs;
+use crate::output_kind::OutputKind;
 use metamorph_module_agent::regular_file;
 use metamorph_text::sources::Sources;
 use std::ffi::OsString;
@@ -72,8 +73,9 @@ fn cache_of(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
 fn keep_at(path: &Path, bytes: &[u8]) {
     let made = fs::create_dir_all(path.parent().unwrap_or(Path::new(".")));
     if made.is_ok()
-        && let Err(error) =
-            Outputs::default().writes("what is computed once", path).and_then(|file| file.write(bytes))
+        && let Err(error) = Outputs::default()
+            .writes("what is computed once", path, OutputKind::Any)
+            .and_then(|file| file.write(bytes))
     {
         tracing::debug!("{error}");
     }

@@ -4,6 +4,7 @@ pub mod command;
 pub mod files;
 pub mod interrupt;
 pub mod output;
+pub mod output_kind;
 pub mod shutdown;
 pub mod stopwatch;
 pub mod terminal;

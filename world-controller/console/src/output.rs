@@ -5,20 +5,25 @@
 //! and files that do not exist yet by their directory and name. Output appears at the end and as a whole: it
 //! is written to an unnamed file in the same directory, which is linked to the name when complete. So an
 //! existing file is never half overwritten, and nothing is left behind however the program ends. Devices,
-//! pipes and descriptors (`/dev/stdout`) are written directly.
+//! pipes and descriptors (`/dev/stdout`) are written directly. A file that is a mount point, as in a container, cannot be
+//! replaced: it is overwritten when the content is complete.
+//!
+//! An existing file is replaced only if this program wrote it with the same [`OutputKind`]. A symbolic link of another user in a directory
+//! that all may write to is not followed, as the kernel does with `protected_symlinks`.
 //!
 //! Absent: result directories (see `experiments::sweep::store`), and journals of active runs, which are
 //! written piece by piece so that they survive a killed run.
 
+use crate::output_kind::OutputKind;
 use crate::terminal::print_data;
 use metamorph_text::command_error::{BAD_USAGE, CommandError, FAILED};
 use metamorph_text::escape::{Shown, json};
-use rustix::fs::{AtFlags, CWD, Mode, OFlags, fcntl_setfl};
+use rustix::fs::{AtFlags, CWD, Mode, OFlags, StatxAttributes, StatxFlags, fcntl_setfl, statx};
 use rustix::io::Errno;
 use serde::Serialize;
 use std::ffi::OsString;
 use std::fs::{self, File, Metadata, OpenOptions, Permissions};
-use std::io::{self, Write};
+use std::io::{self, Seek, Write};
 use std::os::fd::{AsFd, AsRawFd};
 use std::os::unix::fs::{FileTypeExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
@@ -38,6 +43,16 @@ pub enum OutputError {
         name: String,
         /// The other use of the file.
         other: String,
+    },
+    /// The file is not one that this program wrote with the same kind.
+    #[error(
+        "{name}: there is a file that is not {kind} of this program\n  fix: name another file, or replace it with --force"
+    )]
+    Stranger {
+        /// The option that names the file, and the file's name.
+        name: String,
+        /// The kind of the output.
+        kind: &'static str,
     },
     /// The destination is not writable.
     #[error("{name}: cannot write there: {error}\n  fix: {fix}")]
@@ -120,8 +135,13 @@ impl Outputs {
 
     /// Registers an output file that may exist; `option` is the option that names it. Checks now, not after a
     /// long run, that it can be written. An existing file is kept until the end.
-    pub fn writes(&mut self, option: &str, path: &Path) -> Result<Output, OutputError> {
-        self.output(option, path, Before::Any)
+    ///
+    /// # Errors
+    ///
+    /// There is a file that this program did not write with this kind, the file cannot be written, or it is used for something
+    /// else.
+    pub fn writes(&mut self, option: &str, path: &Path, kind: OutputKind) -> Result<Output, OutputError> {
+        self.output(option, path, Before::Any(kind))
     }
 
     /// Registers an output file that must not exist yet.
@@ -136,10 +156,10 @@ impl Outputs {
     fn output(&mut self, option: &str, path: &Path, before: Before) -> Result<Output, OutputError> {
         let name = format!("{option} {}", path.shown());
         let fix = match before {
-            Before::Any if option == "--json" => {
+            Before::Any(_) if option == "--json" => {
                 "name a file in a directory that exists and is yours, or `-` for standard output"
             }
-            Before::Any => "name a file in a directory that exists and is yours",
+            Before::Any(_) => "name a file in a directory that exists and is yours",
             Before::Nothing => "name a new file in a directory that exists and is yours",
         };
         let wrong = |error| OutputError::Unwritable { name: name.clone(), error, fix };
@@ -150,6 +170,12 @@ impl Outputs {
             }
             self.taken.push((identity, name.clone()));
         }
+        if let (Before::Any(kind), Target::File(file) | Target::Mounted(file)) = (before, &target)
+            && file.exists()
+            && !kind.may_replace(file).map_err(wrong)?
+        {
+            return Err(OutputError::Stranger { name, kind: kind.name() });
+        }
         target.check(before).map_err(wrong)?;
         Ok(Output { name, target, before })
     }
@@ -158,7 +184,7 @@ impl Outputs {
 /// Expected state of the destination before a file is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Before {
-    Any,
+    Any(OutputKind),
     Nothing,
 }
 
@@ -201,6 +227,8 @@ enum Target {
     Stream(File),
     /// A regular file, existing or not, at a path that is not a symbolic link.
     File(PathBuf),
+    /// An existing file that is a mount point, so that no other file can take its place.
+    Mounted(PathBuf),
 }
 
 impl Target {
@@ -210,6 +238,7 @@ impl Target {
             Place::File(path) => path,
         };
         match fs::symlink_metadata(&place).map(|file| file.file_type()) {
+            Ok(kind) if kind.is_file() && is_mount_point(&place) => Ok(Target::Mounted(place)),
             Ok(kind) if kind.is_file() => Ok(Target::File(place)),
             Ok(kind) if kind.is_dir() => Err(Errno::ISDIR.into()),
             Ok(kind) if kind.is_socket() => Err(io::Error::other("it is a socket")),
@@ -220,7 +249,7 @@ impl Target {
     }
 
     fn identity(&self) -> io::Result<Option<Identity>> {
-        let Target::File(path) = self else { return Ok(None) };
+        let (Target::File(path) | Target::Mounted(path)) = self else { return Ok(None) };
         if let Ok(file) = fs::symlink_metadata(path) {
             return Ok(Some(Identity::of(&file)));
         }
@@ -231,16 +260,16 @@ impl Target {
 
     /// Checks that the destination can be written; changes nothing.
     fn check(&self, before: Before) -> io::Result<()> {
-        let Target::File(path) = self else {
+        let (Target::File(path) | Target::Mounted(path)) = self else {
             return match before {
-                Before::Any => Ok(()),
+                Before::Any(_) => Ok(()),
                 Before::Nothing => Err(Errno::EXIST.into()),
             };
         };
         match (fs::symlink_metadata(path), before) {
             (Ok(_), Before::Nothing) => return Err(Errno::EXIST.into()),
             // Renaming would also replace a file without write permission.
-            (Ok(_), Before::Any) => drop(OpenOptions::new().append(true).open(path)?),
+            (Ok(_), Before::Any(_)) => drop(OpenOptions::new().append(true).open(path)?),
             (Err(_), _) => {}
         }
         PendingOutput::of(self).map(drop)
@@ -264,6 +293,7 @@ impl PendingOutput {
     fn of(target: &Target) -> io::Result<PendingOutput> {
         let path = match target {
             Target::Stream(stream) => return Ok(PendingOutput { file: stream.try_clone()?, named: None }),
+            Target::Mounted(_) => return Ok(PendingOutput { file: tempfile::tempfile()?, named: None }),
             Target::File(path) => path,
         };
         let flags = OFlags::TMPFILE | OFlags::WRONLY | OFlags::CLOEXEC;
@@ -278,9 +308,17 @@ impl PendingOutput {
     }
 
     fn finish(mut self, target: &Target, before: Before) -> io::Result<()> {
-        let Target::File(path) = target else { return self.file.flush() };
+        let path = match target {
+            Target::Stream(_) => return self.file.flush(),
+            Target::Mounted(path) => {
+                self.file.rewind()?;
+                let mut place = OpenOptions::new().write(true).truncate(true).open(path)?;
+                return io::copy(&mut self.file, &mut place).map(drop);
+            }
+            Target::File(path) => path,
+        };
         let old = match before {
-            Before::Any => fs::symlink_metadata(path).ok(),
+            Before::Any(_) => fs::symlink_metadata(path).ok(),
             Before::Nothing => None,
         };
         if let Some(old) = &old {
@@ -293,7 +331,7 @@ impl PendingOutput {
         let Some(named) = self.named else {
             return match link(&self.file, path) {
                 // A link does not replace a file: link to a temporary name first, then rename.
-                Err(Errno::EXIST) if before == Before::Any => {
+                Err(Errno::EXIST) if before != Before::Nothing => {
                     let beside = |name: &Path| link(&self.file, name).map_err(io::Error::from);
                     let beside = Builder::new().prefix(".metamorph-").make_in(directory(path), beside)?;
                     beside.into_temp_path().persist(path).map_err(|e| e.error)
@@ -302,7 +340,7 @@ impl PendingOutput {
             };
         };
         match before {
-            Before::Any => named.persist(path),
+            Before::Any(_) => named.persist(path),
             Before::Nothing => named.persist_noclobber(path),
         }
         .map_err(|e| e.error)
@@ -331,10 +369,34 @@ enum Place {
     File(PathBuf),
 }
 
+/// Returns true if a file is mounted at this place (`mount --bind`). Filesystems that do not say so count as false.
+fn is_mount_point(path: &Path) -> bool {
+    let found = statx(CWD, path, AtFlags::SYMLINK_NOFOLLOW, StatxFlags::TYPE);
+    found.is_ok_and(|file| file.stx_attributes.contains(StatxAttributes::MOUNT_ROOT))
+}
+
+/// Refuses a path that leads over a symbolic link of another user in a sticky directory that all may write to.
+fn refuse_strange_links(path: &Path) -> io::Result<()> {
+    /// The bits of the sticky flag and of the permission of all to write.
+    const SHARED: u32 = 0o1002;
+    for part in path.ancestors() {
+        let (Ok(link), Ok(around)) = (fs::symlink_metadata(part), fs::metadata(directory(part))) else {
+            continue;
+        };
+        let own = rustix::process::geteuid().as_raw();
+        let is_strange = link.is_symlink() && link.uid() != own && link.uid() != around.uid();
+        if is_strange && around.mode() & SHARED == SHARED {
+            return Err(io::Error::other(format!("{} is a symbolic link of another user", part.shown())));
+        }
+    }
+    Ok(())
+}
+
 /// Follows symbolic links, also dangling ones.
 fn place(path: &Path) -> io::Result<Place> {
     let mut path = path.to_owned();
     for _ in 0..MAX_LINKS {
+        refuse_strange_links(&path)?;
         let Some(name) = path.file_name().map(OsString::from) else {
             return Ok(Place::File(fs::canonicalize(&path)?));
         };
@@ -383,7 +445,7 @@ impl Json {
         Ok(match option {
             None => Json::Nowhere,
             Some(path) if path == Path::new("-") => Json::Out,
-            Some(path) => Json::File(outputs.writes("--json", path)?),
+            Some(path) => Json::File(outputs.writes("--json", path, OutputKind::Json)?),
         })
     }
 
@@ -425,7 +487,8 @@ mod tests {
         fs::set_permissions(&old, Permissions::from_mode(0o640)).unwrap();
         symlink("old", &link).unwrap();
         let mut outputs = Outputs::default();
-        let (over, fresh) = (outputs.writes("--a", &link).unwrap(), outputs.creates("--b", &new).unwrap());
+        let (over, fresh) =
+            (outputs.writes("--a", &link, OutputKind::Any).unwrap(), outputs.creates("--b", &new).unwrap());
         assert_eq!(names(dir.path()), ["link", "old"]);
         for named in [false, true] {
             for output in [&over, &fresh] {
@@ -473,12 +536,12 @@ mod tests {
             "{taken}"
         );
         for path in ["/proc/none/x", "/dev/none/x", "", "/", "."] {
-            let error = Outputs::default().writes("--json", Path::new(path)).unwrap_err();
+            let error = Outputs::default().writes("--json", Path::new(path), OutputKind::Json).unwrap_err();
             assert!(error.is_input() && error.to_string().contains("or `-`"), "{path}: {error}");
         }
         if !rustix::process::geteuid().is_root() {
             fs::set_permissions(&file, Permissions::from_mode(0o400)).unwrap();
-            assert!(Outputs::default().writes("--json", &file).unwrap_err().is_input());
+            assert!(Outputs::default().writes("--json", &file, OutputKind::Json).unwrap_err().is_input());
         }
     }
 
@@ -488,9 +551,45 @@ mod tests {
         let null = Path::new("/dev/null");
         outputs.reads("the scenario", null);
         for option in ["--json", "--html"] {
-            outputs.writes(option, null).unwrap().write("x").unwrap();
+            outputs.writes(option, null, OutputKind::Any).unwrap().write("x").unwrap();
         }
-        let full = outputs.writes("--json", Path::new("/dev/full")).unwrap();
+        let full = outputs.writes("--json", Path::new("/dev/full"), OutputKind::Json).unwrap();
         assert!(!full.write("x").unwrap_err().is_input());
+    }
+
+    /// Another file cannot take the place of a mount point, so its content is replaced.
+    #[test]
+    fn a_mount_point_is_written_in_place() {
+        let dir = tempfile::tempdir().unwrap();
+        let (file, other) = (dir.path().join("file"), dir.path().join("other"));
+        fs::write(&file, "a longer text than the new one").unwrap();
+        let output = Output {
+            name: "--json".to_owned(),
+            target: Target::Mounted(file.clone()),
+            before: Before::Any(OutputKind::Json),
+        };
+        let inode = fs::metadata(&file).unwrap().ino();
+        output.write("new").unwrap();
+        assert_eq!((fs::read(&file).unwrap(), fs::metadata(&file).unwrap().ino()), (b"new".to_vec(), inode));
+        assert!(!is_mount_point(&file) && !is_mount_point(&other) && is_mount_point(Path::new("/proc")));
+    }
+
+    #[test]
+    fn links_of_others_in_a_shared_directory_are_not_followed() {
+        let dir = tempfile::tempdir().unwrap();
+        let (link, target) = (dir.path().join("link"), dir.path().join("target"));
+        symlink(&target, &link).unwrap();
+        fs::set_permissions(dir.path(), Permissions::from_mode(0o1777)).unwrap();
+        assert!(Outputs::default().writes("--json", &link, OutputKind::Json).is_ok());
+        if rustix::process::geteuid().is_root() {
+            std::os::unix::fs::lchown(&link, Some(1234), None).unwrap();
+            for path in [link.clone(), link.join("below")] {
+                let error =
+                    Outputs::default().writes("--json", &path, OutputKind::Json).unwrap_err().to_string();
+                assert!(error.contains("link is a symbolic link of another user"), "{error}");
+            }
+            fs::set_permissions(dir.path(), Permissions::from_mode(0o777)).unwrap();
+            assert!(Outputs::default().writes("--json", &link, OutputKind::Json).is_ok());
+        }
     }
 }

@@ -7,6 +7,7 @@
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "this is the one place that prints")]
 
 use crate::stopwatch::Stopwatch;
+use clap::ValueEnum;
 use metamorph_text::format::fitting;
 use metamorph_text::paint::Paint;
 use metamorph_text::progress::{ProgressLine, Status};
@@ -17,10 +18,40 @@ use std::time::Duration;
 /// The first failure to write standard output.
 static FAILURE: OnceLock<String> = OnceLock::new();
 
-/// Returns colours on a terminal, unless the user has disabled them (<https://no-color.org>).
-pub fn paint_for(is_terminal: bool) -> Paint {
+/// Whether output is coloured: the option `--color`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ColorChoice {
+    /// On terminals that show colours.
+    Auto,
+    /// Also in files and pipes.
+    Always,
+    /// Nowhere.
+    Never,
+}
+
+/// The choice of the command line; automatic if none was made.
+static COLOR: OnceLock<ColorChoice> = OnceLock::new();
+
+/// Sets the colours of this process; only the first call has an effect.
+pub fn choose_color(choice: ColorChoice) {
+    let _ = COLOR.set(choice);
+}
+
+/// Returns true if output is coloured. By itself that is so on a terminal that shows colours, unless the user has disabled them
+/// (<https://no-color.org>, <https://bixense.com/clicolors>).
+pub fn has_color(is_terminal: bool) -> bool {
+    let is = |name: &str, value: &str| std::env::var_os(name).is_some_and(|of| of == value);
     let refused = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());
-    if is_terminal && !refused { Paint::COLOURED } else { Paint::PLAIN }
+    match COLOR.get().copied().unwrap_or(ColorChoice::Auto) {
+        ColorChoice::Auto => is_terminal && !refused && !is("CLICOLOR", "0") && !is("TERM", "dumb"),
+        ColorChoice::Always => true,
+        ColorChoice::Never => false,
+    }
+}
+
+/// Returns the colours of a stream.
+fn paint_for(is_terminal: bool) -> Paint {
+    if has_color(is_terminal) { Paint::COLOURED } else { Paint::PLAIN }
 }
 
 /// The destination of human-readable text.

@@ -54,6 +54,7 @@ pub fn stage(name: &str, stage: &Stage) -> StageReport {
         name: name.to_owned(),
         cells: stage.cells as u64,
         filled: stage.filled as u64,
+        omitted: 0,
         opened_s: stage.opened.as_secs_f64(),
         built_s: stage.built.map(Time::as_secs_f64),
         known_s: stage.known.map(Time::as_secs_f64),

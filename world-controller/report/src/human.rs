@@ -33,11 +33,17 @@ fn write_all(out: &mut String, r: &Report, words: &Words, paint: Paint) -> std::
     let g = &r.goal;
     let share = whole_percent(g.filled, g.cells);
     writeln!(out, "  goal        {} of {} filled ({share})", count(g.filled), many(g.cells, words.part))?;
+    if let [only] = &r.stages[..]
+        && let Some(share) = only.share_of_shape()
+    {
+        writeln!(out, "              {share}")?;
+    }
     if r.stages.len() > 1 {
         for s in &r.stages {
             let built = s.built_s.map_or("not built".to_owned(), |t| format!("built at {}", seconds(t)));
             let of = format!("{} of {}", count(s.filled), count(s.cells));
-            writeln!(out, "              {}: {of}, {built}", s.name.shown())?;
+            let share = s.share_of_shape().map_or(String::new(), |share| format!("; {share}"));
+            writeln!(out, "              {}: {of}, {built}{share}", s.name.shown())?;
         }
     }
     let a = &r.agents;

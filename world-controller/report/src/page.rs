@@ -5,10 +5,10 @@ use super::Words;
 use super::hosts::HostsReport;
 use super::human::{commanded, proved};
 use super::over_time::{Layer, Mark, areas};
-use super::schema::{LatencyReport, Report, Standstill, StandstillsReport, Waiting};
+use super::schema::{LatencyReport, Report, StageReport, Standstill, StandstillsReport, Waiting};
 use crate::document::{document, figure};
 use crate::message_timeline::Bin;
-use maud::{Markup, html};
+use maud::{Markup, PreEscaped, html};
 use metamorph_core::counters::Class;
 use metamorph_core::time::Span;
 use metamorph_scenario::Plan;
@@ -21,8 +21,8 @@ const SHOWN_MAX: usize = 200;
 /// Chains of waiting modules shown at most.
 const CHAINS: usize = 12;
 
-/// Returns the page of a run. `bins` are bins of `width` with their counts.
-pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin]) -> String {
+/// Returns the page of a run. `bins` are bins of `width` with their counts; `picture` is the swarm at the end, as SVG.
+pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin], picture: Option<&str>) -> String {
     let words = plan.swarm.words();
     let good = report.outcome == "built";
     let body = html! {
@@ -31,6 +31,7 @@ pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin]) -> String {
         dl.facts {
             div { dt { "outcome" } dd.bad[!good] { (report.outcome) } }
             div { dt { (words.cells) " filled" } dd { (count(report.goal.filled)) " of " (count(report.goal.cells)) } }
+            @for share in report.stages.iter().filter_map(StageReport::share_of_shape) { div { dt { "shape" } dd { (share) } } }
             div { dt { (words.modules) " alive" } dd { (count(report.agents.alive)) " of " (count(report.agents.launched)) } }
             div { dt { "moves" } dd { (count(report.moves)) } }
             div { dt { "messages" } dd { (count(report.messages.total)) } }
@@ -39,6 +40,7 @@ pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin]) -> String {
             div { dt { "metamorph" } dd { (report.version) } }
         }
         p class=(if good { "note" } else { "warning" }) { (report.reason) "." }
+        @if let Some(picture) = picture { figure.structure { (PreEscaped(picture)) figcaption { "The swarm at the end of the run." } } }
         @if let Some(unbuilt) = &report.unbuilt { (standstill(unbuilt, words)) }
         @if let Some(all) = report.standstills.as_ref().filter(|all| all.count > 0) { (standstills(all, words)) }
         h2 { "Repeat it" }

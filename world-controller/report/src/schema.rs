@@ -4,6 +4,7 @@
 use super::family_part::FamilyText;
 use super::hosts::HostsReport;
 use super::operator::OperatorReport;
+use metamorph_text::format::count;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -152,6 +153,9 @@ pub struct StageReport {
     pub cells: u64,
     /// Cells, or seeds, filled at the end.
     pub filled: u64,
+    /// Cells that the shape has besides `cells`, and that its growth leaves out.
+    #[serde(default)]
+    pub omitted: u64,
     /// Time at which it was opened.
     pub opened_s: f64,
     /// Time at which the last cell was filled; null if never.
@@ -160,6 +164,18 @@ pub struct StageReport {
     pub known_s: Option<f64>,
     /// From `built_s` to `known_s`, 0 if it was known first; null if either is null.
     pub detect_lag_s: Option<f64>,
+}
+
+impl StageReport {
+    /// Returns which share of its shape the goal is, in words, if its growth leaves cells out.
+    pub fn share_of_shape(&self) -> Option<String> {
+        let shape = self.cells + self.omitted;
+        let share = || {
+            let (cells, shape) = (count(self.cells), count(shape));
+            format!("{cells} of the {shape} cells of your shape; its growth leaves out the others")
+        };
+        (self.omitted > 0).then(share)
+    }
 }
 
 /// A standstill, and why goal cells stay unfilled.

@@ -26,6 +26,7 @@ use compare::{Redrawn, Reproduction, Runs};
 use fit::Fit;
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::{Json, Outputs};
+use metamorph_console::output_kind::OutputKind;
 use metamorph_console::terminal::Channel;
 use metamorph_experiments::sweep::store::Store;
 use metamorph_experiments::sweep::summary::Summary;
@@ -218,7 +219,7 @@ pub fn reproduce(request: &Request) -> Result<u8, ReproduceError> {
     let page = match &request.out {
         Some(dir) => {
             create_directory(dir)?;
-            Some(outputs.writes("--out", &dir.join(PAGE))?)
+            Some(outputs.writes("--out", &dir.join(PAGE), OutputKind::Html)?)
         }
         None => None,
     };
@@ -318,7 +319,7 @@ impl Sweeper<'_> {
         let (mut store, mut results) = (None, None);
         let dir = out.map(|dir| dir.join(&name));
         if let (Some(file), Some(dir)) = (&file, &dir) {
-            self.outputs.writes("--out", file)?.write(text)?;
+            self.outputs.writes("--out", file, OutputKind::Any)?.write(text)?;
             store = Some(Store::create(dir, &scenario.manifest(grid))?);
             results = Some(Results::of(dir, self.outputs)?);
         }

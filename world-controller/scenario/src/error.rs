@@ -76,6 +76,8 @@ pub enum ScenarioError {
         section: String,
         /// The keys known there.
         known: Vec<&'static str>,
+        /// The same key with its section, if a section of the scenario has it.
+        elsewhere: Option<String>,
     },
     /// A key of another family.
     #[error("`{key}` in {section} is for the family `{theirs}`; this scenario is of the family `{ours}`")]
@@ -206,6 +208,8 @@ pub enum ScenarioError {
         goal: usize,
         /// Modules of the swarm.
         modules: usize,
+        /// Whether a scaffold would fill less of the shape.
+        has_scaffold: bool,
     },
     /// No goal cell is occupied, so growth cannot start.
     #[error("no cell of the goal is occupied {when}, so that growth has no cell to begin from")]
@@ -288,6 +292,7 @@ impl ScenarioError {
             }
             ScenarioError::Syntax(_) => "see https://toml.io for the syntax; text values need quotes".into(),
             ScenarioError::Newer { .. } => format!("use a newer metamorph, or write `version = {VERSION}`"),
+            ScenarioError::UnknownKey { elsewhere: Some(whole), .. } => format!("did you mean `{whole}`?"),
             ScenarioError::UnknownKey { key, known, .. } => did_you_mean(key, known),
             ScenarioError::Name { got, known, .. } => did_you_mean(got, known),
             ScenarioError::Foreign { theirs, .. } => {
@@ -325,6 +330,9 @@ impl ScenarioError {
             ScenarioError::Goal(GoalError::Disconnected { .. }) => "make the goal one piece".into(),
             ScenarioError::Goal(GoalError::TooDeep(_)) => {
                 "make the goal smaller, or put the seed in its middle".into()
+            }
+            ScenarioError::TooFewModules { has_scaffold: true, .. } => {
+                "make `start` larger or the goal's `shape` smaller, or write `growth = \"scaffold\"`, which fills about half of the shape".into()
             }
             ScenarioError::TooFewModules { .. } => "make `start` larger or the goal's `shape` smaller".into(),
             ScenarioError::NoOverlap { .. } => {

@@ -204,6 +204,10 @@ pub trait SwarmPlan: Any + fmt::Debug + Send + Sync {
     ///
     /// Start places that cannot be drawn.
     fn with_seed(&self, seed: u64) -> Result<Option<Swarm>, ScenarioError>;
+    /// Returns the number of cells that a goal's shape has and the goal does not, since its growth leaves them out.
+    fn omitted(&self, _goal: usize) -> usize {
+        0
+    }
     /// Returns the defect that a test has injected into the protocol, if any.
     fn defect(&self) -> Option<Defect>;
     /// Returns the swarm with another defect.

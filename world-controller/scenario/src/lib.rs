@@ -57,6 +57,7 @@ pub use plan::LinkChange;
 use serde::{Deserialize, Serialize};
 use settings::Setting;
 use shipped::Named;
+use std::cell::LazyCell;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -298,7 +299,11 @@ pub fn read_text(
         return Err(diagnostics.sorted());
     }
     settings::apply(document.get_mut(), &overrides.settings, text, &mut diagnostics);
-    let raw = raw::Raw::read(document.get_ref(), overrides, &mut diagnostics);
+    let families = diagnostics.families();
+    // A document may have many unknown keys.
+    let schema = LazyCell::new(|| schema::schema(families));
+    let elsewhere = |key: &str, family: &str| schema::with_section(&schema, key, family);
+    let raw = raw::Raw::read(document.get_ref(), overrides, elsewhere, &mut diagnostics);
     match plan::make(&raw, overrides, &mut diagnostics) {
         Some(plan) if diagnostics.is_empty() => {
             let files = diagnostics.files().to_vec();

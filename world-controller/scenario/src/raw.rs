@@ -150,8 +150,14 @@ pub const SEED: u64 = 1;
 const SWARM: &str = "[swarm]\n    start = { box = { min = [0, 0, 0], max = [5, 5, 0] } }";
 
 impl Raw {
-    /// Reads the whole document and the options. Invalid values are reported and left out.
-    pub fn read(document: &DeTable<'_>, overrides: &Overrides, diagnostics: &mut Diagnostics) -> Raw {
+    /// Reads the whole document and the options. Invalid values are reported and left out. `elsewhere` returns a key of a family
+    /// with the section that has it, such as `link.loss`.
+    pub fn read(
+        document: &DeTable<'_>,
+        overrides: &Overrides,
+        elsewhere: impl Fn(&str, &str) -> Option<String>,
+        diagnostics: &mut Diagnostics,
+    ) -> Raw {
         let mut top = Section::new(document, "the scenario", Place::File);
         match top.need::<i64>("version", "version = 1", diagnostics) {
             Some(At { value, place }) if value > VERSION as i64 => {
@@ -220,7 +226,8 @@ impl Raw {
         if let Some(node) = top.node("stop") {
             raw.read_stop(node, diagnostics);
         }
-        top.finish(diagnostics);
+        let family = diagnostics.family();
+        top.finish_with(diagnostics, |key| elsewhere(key, family));
         raw.override_with(overrides, diagnostics);
         raw
     }

@@ -27,6 +27,16 @@ use super::table::default_of;
 use metamorph_core::lattice::Cell;
 use serde_json::{Map, Value, json};
 
+/// Returns a key with the section of a scenario that has it by the schema, such as `link.loss`.
+pub fn with_section(schema: &Value, key: &str, family: &str) -> Option<String> {
+    let shared = ["link", "stop", "process", "controller", "operator"].map(|name| (name, name.to_owned()));
+    let own =
+        [("swarm", "Swarm"), ("protocol", "Protocol")].map(|(name, part)| (name, format!("{family}{part}")));
+    let has =
+        |(_, definition): &&(&str, String)| schema["$defs"][definition]["properties"].get(key).is_some();
+    shared.iter().chain(&own).find(has).map(|(section, _)| format!("{section}.{key}"))
+}
+
 /// Returns the schema of scenarios that may name these families.
 pub fn schema(families: Families) -> Value {
     let own = |family: &dyn ScenarioFamily| {

@@ -127,6 +127,15 @@ impl<'d, 'i> Section<'d, 'i> {
 
     /// Reports every key that was not read. Returns true if one of them is for another family.
     pub fn finish(self, diagnostics: &mut Diagnostics) -> bool {
+        self.finish_with(diagnostics, |_| None)
+    }
+
+    /// Like [`Section::finish`]; `elsewhere` returns where a key belongs that is unknown here.
+    pub fn finish_with(
+        self,
+        diagnostics: &mut Diagnostics,
+        elsewhere: impl Fn(&str) -> Option<String>,
+    ) -> bool {
         let mut is_foreign = false;
         let known: BTreeSet<&str> = self.asked.iter().copied().collect();
         for (key, _) in self.table.iter().filter(|(key, _)| !known.contains(key.get_ref().as_ref())) {
@@ -139,7 +148,10 @@ impl<'d, 'i> Section<'d, 'i> {
                     is_foreign = true;
                     ScenarioError::Foreign { key: key_text, section, theirs, ours: diagnostics.family() }
                 }
-                None => ScenarioError::UnknownKey { key: key_text, section, known: names },
+                None => {
+                    let elsewhere = elsewhere(&key_text);
+                    ScenarioError::UnknownKey { key: key_text, section, known: names, elsewhere }
+                }
             };
             diagnostics.add(key.span(), scenario_error);
         }

@@ -18,7 +18,7 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 /// Version of the layout; raised on every change.
-pub const VERSION: u32 = 6;
+pub const VERSION: u32 = 7;
 
 /// Description of a run as a whole.
 #[derive(Clone, Debug)]
@@ -33,8 +33,8 @@ pub struct Heading {
     pub link: &'static str,
     /// The command that repeats it.
     pub repeat: String,
-    /// The names of the goals.
-    pub goals: Vec<String>,
+    /// The names of the goals, and of each the number of cells of its shape that its growth leaves out.
+    pub goals: Vec<(String, usize)>,
     /// The partitions.
     pub partitions: Vec<Partition>,
     /// Beginnings and ends of partitions, by time.
@@ -57,7 +57,7 @@ impl Heading {
             seed: Some(plan.seed),
             link: plan.overrides.link.name(),
             repeat: plan.repeat_with(),
-            goals: plan.stages.iter().map(|s| s.name.clone()).collect(),
+            goals: (0..).zip(&plan.stages).map(|(i, s)| (s.name.clone(), plan.swarm.omitted(i))).collect(),
             partitions: plan.link.partitions.clone(),
             changes: plan.link_changes(),
             hosts: plan.link.hosts.clone().filter(|hosts| hosts.len() > 1),
@@ -130,14 +130,16 @@ pub(super) struct Goal {
     name: String,
     /// The cells with their levels.
     pub(super) cells: Vec<(i16, i16, i16, u16)>,
+    /// The number of cells that its shape has besides.
+    pub(super) omitted: usize,
     #[serde(skip)]
     pub(super) set: HashSet<Cell>,
 }
 
 impl Goal {
-    fn new(name: String, cells: Vec<(i16, i16, i16, u16)>) -> Goal {
+    fn new((name, omitted): (String, usize), cells: Vec<(i16, i16, i16, u16)>) -> Goal {
         let set = cells.iter().map(|(x, y, z, _)| Cell::new(*x, *y, *z)).collect();
-        Goal { name, cells, set }
+        Goal { name, cells, omitted, set }
     }
 }
 
@@ -168,7 +170,7 @@ impl Beginning {
             start: start.collect(),
             shapes,
             cells: bodies.iter().map(|(parts, _)| parts.first().map(Part::cell)).collect(),
-            goals: names.zip(goals).map(|(name, cells)| Goal::new(name, cells)).collect(),
+            goals: names.zip(goals).map(|(goal, cells)| Goal::new(goal, cells)).collect(),
             targets,
             floor,
             partitions: heading.partitions.iter().map(cut).collect(),

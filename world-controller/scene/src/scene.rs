@@ -398,6 +398,11 @@ impl Scene {
         self.beginning.goals.get(usize::from(goal)).map_or(&[], |goal| &goal.cells)
     }
 
+    /// Returns the number of cells that a goal's shape has besides the goal's.
+    pub fn omitted(&self, goal: u16) -> usize {
+        self.beginning.goals.get(usize::from(goal)).map_or(0, |goal| goal.omitted)
+    }
+
     /// Returns the beginning.
     pub fn beginning(&self) -> Value {
         json!(self.beginning)

@@ -14,6 +14,7 @@ use clap::Args;
 use metamorph_console::command::{CommandOf, Group};
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::{Json, Output, OutputError, Outputs};
+use metamorph_console::output_kind::OutputKind;
 use metamorph_console::terminal::{Channel, Live};
 use metamorph_free_modules::gait::ask_tell::Method;
 use metamorph_free_modules::gait::document::{FORMAT, GaitFile, StudyPart, VERSION, written};
@@ -56,10 +57,10 @@ Exit codes:
   1  the program itself failed, for example because a file could not be written
   2  the command line or a file is wrong; the error names its place, reason and fix
   3  no joint can move: all modules are dead
-  6  ended by a signal; --write has what was done";
+  7  ended by a signal; --write has what was done";
 
 /// Exit code: ended by a signal before all trials were done.
-const ABORTED: u8 = 6;
+const ABORTED: u8 = 7;
 /// Shortest time of a trial: a period of the oscillators.
 const TRIAL_MIN: Span = Span::secs(5);
 /// Longest time of a trial.
@@ -174,7 +175,8 @@ pub fn learn(args: &LearnArgs, interrupt: &Interrupt) -> Result<u8, LearnError> 
     }
     args.from.iter().for_each(|path| outputs.reads("--from", path));
     let json_output = Json::of(args.json.as_deref(), &mut outputs)?;
-    let write = args.write.as_deref().map(|path| outputs.writes("--write", path)).transpose()?;
+    let write =
+        args.write.as_deref().map(|path| outputs.writes("--write", path, OutputKind::Json)).transpose()?;
     let asked = asked(args)?;
     let mut file = GaitFile {
         format: FORMAT.to_owned(),

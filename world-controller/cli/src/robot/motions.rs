@@ -3,6 +3,7 @@
 use super::{Answer, RobotError};
 use clap::Args;
 use metamorph_console::output::Outputs;
+use metamorph_console::output_kind::OutputKind;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::roombots::Kind;
 use metamorph_protocol::roombots::database::{CellSet, Database, Direction, Table, Transition, VERSION};
@@ -153,7 +154,7 @@ fn describe(database: &Database, table: &Table, way: &Transition, shape: Shape) 
 pub fn database_summary(database: &Database, out: Option<PathBuf>) -> Result<Answer, RobotError> {
     let bytes = database.to_bytes();
     if let Some(path) = &out {
-        Outputs::new().writes("--out", path)?.write(&bytes)?;
+        Outputs::new().writes("--out", path, OutputKind::MotionDatabase)?.write(&bytes)?;
     }
     let mut text = format!(
         "motion database version {VERSION}: {} bytes, {} cells\n",

@@ -5,6 +5,7 @@ use super::poses::radians;
 use super::{Answer, RobotError};
 use clap::Args;
 use metamorph_console::output::Outputs;
+use metamorph_console::output_kind::OutputKind;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::roombots::body::{Body, bodies, plate_radius};
 use metamorph_protocol::roombots::chain::{Pose, hemispheres};
@@ -39,7 +40,7 @@ pub fn answer(args: &SvgArgs) -> Result<Answer, RobotError> {
     match &args.out {
         None => Ok(Answer::new(picture, json)),
         Some(path) => {
-            Outputs::new().writes("--out", path)?.write(&picture)?;
+            Outputs::new().writes("--out", path, OutputKind::Picture)?.write(&picture)?;
             Ok(Answer::new(format!("drawn to {}\n", path.shown()), json))
         }
     }

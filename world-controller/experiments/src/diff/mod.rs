@@ -5,6 +5,7 @@ mod sweeps;
 
 use clap::Args;
 use metamorph_console::output::{Json, OutputError, Outputs};
+use metamorph_console::output_kind::OutputKind;
 use metamorph_console::terminal::Channel;
 use metamorph_text::command_error::{BAD_USAGE, CommandError, FAILED};
 use metamorph_text::escape::Shown;
@@ -126,7 +127,8 @@ pub fn diff(args: &DiffArgs) -> Result<u8, DiffError> {
         outputs.reads_directory("a file of a sweep,", path);
     }
     let json = Json::of(args.json.as_deref(), &mut outputs)?;
-    let plot = args.plot.as_deref().map(|file| outputs.writes("--plot", file)).transpose()?;
+    let plot =
+        args.plot.as_deref().map(|file| outputs.writes("--plot", file, OutputKind::Picture)).transpose()?;
     let channel = Channel::beside(json.is_out(), args.quiet);
     let is_sweep = |path: &Path| path.is_dir();
     let comparison = match (is_sweep(&args.a), is_sweep(&args.b)) {

@@ -212,8 +212,13 @@ pub fn compare(
     }
     text.push_str(&format!(
         "\nShares with intervals of Newcombe and Fisher's exact test; numbers of built runs with the shift of Hodges and\n\
-         Lehmann and the test of Mann and Whitney. p is adjusted for {} by Holm; ~ is p ≥ 0.05.\n",
-        many(all.len() as u64, "test")
+         Lehmann and the test of Mann and Whitney. p is adjusted for {} by Holm; ~ is p ≥ 0.05{}.\n",
+        many(all.len() as u64, "test"),
+        if at_least > 0.0 {
+            format!(", or an interval that is not wholly beyond {} %", at_least * 100.0)
+        } else {
+            String::new()
+        }
     ));
     let json = json!({ "schema": SCHEMA, "kind": "sweeps", "at_least": at_least, "lines": all });
     let about = format!("{} (A) and {} (B): B − A, as a share of A", a.shown(), b.shown());

@@ -21,6 +21,7 @@ use generated_scenario::GeneratedScenario;
 use limits::Limits;
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::{Json, OutputError, Outputs};
+use metamorph_console::output_kind::OutputKind;
 use metamorph_console::stopwatch::Stopwatch;
 use metamorph_console::terminal::{Channel, Live};
 use metamorph_processes::family::{self, simulate};
@@ -330,7 +331,7 @@ fn found(
             fs::create_dir_all(&request.out)
                 .map_err(|error| ExploreError::Directory { path: request.out.clone(), error })?;
             let text = GeneratedScenario { description, ..small.draft.clone() }.to_string();
-            outputs.writes("--out", &path)?.write(text)?;
+            outputs.writes("--out", &path, OutputKind::Any)?.write(text)?;
             (found.agents, found.faults) = (small.draft.modules(), small.draft.faults.len());
             found.what = small.failure.what;
             found.shrinking = small.runs;

@@ -19,6 +19,7 @@ pub mod testing;
 
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::{Output, OutputError, Outputs};
+use metamorph_console::output_kind::OutputKind;
 use metamorph_console::stopwatch::Stopwatch;
 use metamorph_console::terminal::{Channel, Live};
 use metamorph_processes::family::{read_text, sources};
@@ -282,8 +283,8 @@ impl Results {
     /// Registers the files in this directory. Whether they can be written is checked now, not after all the
     /// runs.
     pub fn of(dir: &Path, outputs: &mut Outputs) -> Result<Results, OutputError> {
-        let summary = outputs.writes("--out", &dir.join(SUMMARY))?;
-        Ok(Results { summary, page: outputs.writes("--out", &dir.join(PAGE))? })
+        let summary = outputs.writes("--out", &dir.join(SUMMARY), OutputKind::Json)?;
+        Ok(Results { summary, page: outputs.writes("--out", &dir.join(PAGE), OutputKind::Html)? })
     }
 
     /// Writes the summary and the page.

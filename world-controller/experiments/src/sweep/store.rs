@@ -7,6 +7,7 @@
 
 use super::row::{self, Row, RowError};
 use metamorph_console::output::{OutputError, Outputs};
+use metamorph_console::output_kind::OutputKind;
 use metamorph_module_agent::regular_file;
 use metamorph_scenario::error::MAX_BYTES;
 use metamorph_scenario::grid::Grid;
@@ -215,7 +216,7 @@ impl Store {
     /// Creates a sweep in a new or empty directory.
     pub fn create(dir: &Path, manifest: &Manifest) -> Result<Store, StoreError> {
         create_directory(dir)?;
-        Outputs::new().writes("--out", &dir.join(MANIFEST))?.write(manifest.text())?;
+        Outputs::new().writes("--out", &dir.join(MANIFEST), OutputKind::Any)?.write(manifest.text())?;
         Store::open(dir, &manifest.grid, |_, _| {}).map(|(store, _)| store)
     }
 

@@ -86,6 +86,8 @@ pub struct Cubes {
     pub cells: Arc<[Cell]>,
     /// Constant parameters that all agents share.
     pub setup: Arc<Setup>,
+    /// Of each goal the number of cells of the drawn shape that its growth leaves out.
+    pub omitted: Arc<[usize]>,
 }
 
 impl SwarmPlan for Cubes {
@@ -108,6 +110,9 @@ impl SwarmPlan for Cubes {
         let mut swarm = self.clone();
         Arc::make_mut(&mut swarm.setup).params.defect = defect;
         Swarm::new(swarm)
+    }
+    fn omitted(&self, goal: usize) -> usize {
+        self.omitted.get(goal).copied().unwrap_or(0)
     }
     fn has_rescue(&self) -> bool {
         true

@@ -6,8 +6,9 @@ use crate::runnable::{Runnable, stage};
 use metamorph_protocol::cube::params::Setup;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_report::run_result::RunResult;
-use metamorph_report::schema::MoveReport;
+use metamorph_report::schema::{MoveReport, StageReport};
 use metamorph_scenario::Plan;
+use metamorph_scenario::family::SwarmPlan;
 use metamorph_sim_bridge::cube::audit::audit_every;
 use metamorph_sim_bridge::cube::director::Director;
 use metamorph_sim_bridge::cube::world::{CubeWorld, MotionCounts};
@@ -70,7 +71,9 @@ impl Runnable for Cubes {
                 .map(|question| Box::new(question) as _),
             struck: director.monitor().struck().to_vec(),
             prevented: director.prevented(),
-            stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),
+            stages: (plan.stages.iter().zip(director.stages()).enumerate())
+                .map(|(i, (p, s))| StageReport { omitted: self.omitted(i) as u64, ..stage(&p.name, s) })
+                .collect(),
             bodies: MoveReport { called: help.called, led: help.led, ..move_report(&motions) },
             moves: motions.completed,
             operator: None,

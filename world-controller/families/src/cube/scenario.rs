@@ -14,6 +14,7 @@ use metamorph_scenario::family::{DraftContext, FamilySpec, Patience, RawSwarm, S
 use metamorph_scenario::raw::{goal_sections, protocol_section};
 use metamorph_scenario::shapes::{Layout, check_box, sides};
 use metamorph_scenario::table::Section;
+use std::cmp::Reverse;
 use std::sync::Arc;
 
 /// A goal as written.
@@ -42,8 +43,8 @@ pub struct RawCubes {
 pub const CO_OWNERS: bool = true;
 const START: &str = "start = { box = { min = [0, 0, 0], max = [5, 5, 0] } }";
 const GOAL: &str = "shape = { sphere = { center = [0, 0, 2], radius = 3 } }";
-/// The growths of a goal.
-pub const GROWTH: [(&str, Growth); 2] = [("scaffold", Growth::Scaffold), ("solid", Growth::Solid)];
+/// The growths of a goal. The first is the default.
+pub const GROWTH: [(&str, Growth); 2] = [("solid", Growth::Solid), ("scaffold", Growth::Scaffold)];
 /// The connectivity checks, which keep the body in one piece.
 pub const CONNECTIVITY: [(&str, Connectivity); 3] = [
     ("forest", Connectivity::Forest),
@@ -117,6 +118,9 @@ impl RawSwarm for RawCubes {
             Some(cells) => compile_goals(&self.goals, &shapes, cells, diagnostics),
             None => Vec::new(),
         };
+        let omitted =
+            goals.iter().zip(&shapes).map(|(goal, shape)| shape.as_ref().map_or(0, |s| s.len() - goal.len()));
+        let omitted = omitted.collect();
         let name =
             |(i, goal): (usize, &RawGoal)| goal.name.clone().unwrap_or_else(|| format!("goal {}", i + 1));
         let range = u16::try_from(sides * 4).unwrap_or(u16::MAX).min(60_000);
@@ -135,7 +139,7 @@ impl RawSwarm for RawCubes {
                 timeout: 3 * self.goals.len().max(1) as u64,
             },
             swarm: cells.map(|cells| {
-                Swarm::new(Cubes { cells: cells.into(), setup: Arc::new(Setup { params, goals }) })
+                Swarm::new(Cubes { cells: cells.into(), setup: Arc::new(Setup { params, goals }), omitted })
             }),
         })
     }
@@ -164,7 +168,11 @@ fn compile_goals(
             diagnostics.add(at.place.clone(), ScenarioError::TooWide(volume));
             break;
         }
-        let too_few = |goal| ScenarioError::TooFewModules { goal, modules: start.len() };
+        let too_few = |cells| ScenarioError::TooFewModules {
+            goal: cells,
+            modules: start.len(),
+            has_scaffold: goal.growth == Growth::Solid,
+        };
         if goal.growth == Growth::Solid && shape.len() > start.len() {
             // Compiling a goal that is too large takes long.
             diagnostics.add(at.place.clone(), too_few(shape.len()));
@@ -176,8 +184,7 @@ fn compile_goals(
             Some(before) => before.contains(*cell),
         };
         let when = if before.is_none() { "at the start" } else { "by the previous goal" };
-        let middle = nearest_to_middle(shape, occupied);
-        let seed = match (&goal.seed, middle) {
+        let seed = match (&goal.seed, default_seed(shape, goal.growth, occupied)) {
             (Some(At { value, place }), example) if !occupied(value) => {
                 diagnostics.add(place.clone(), ScenarioError::SeedEmpty { seed: *value, when, example });
                 break;
@@ -200,8 +207,9 @@ fn compile_goals(
     goals
 }
 
-/// Returns the occupied cell of a shape nearest to the centre of its bounding box.
-fn nearest_to_middle(shape: &[Cell], occupied: impl Fn(&Cell) -> bool) -> Option<Cell> {
+/// Returns the occupied cell of a shape from which its growth fills most of it; of several, the one nearest to the centre of the
+/// shape's bounding box.
+fn default_seed(shape: &[Cell], growth: Growth, occupied: impl Fn(&Cell) -> bool) -> Option<Cell> {
     let along = |pick: fn(&Cell) -> i16| {
         let coordinates = || shape.iter().map(pick);
         // Twice the centre, which is a whole number.
@@ -212,5 +220,16 @@ fn nearest_to_middle(shape: &[Cell], occupied: impl Fn(&Cell) -> bool) -> Option
         let at: [i16; 3] = (*cell).into();
         at.iter().zip(middle).map(|(a, m)| (2 * i64::from(*a) - m).pow(2)).sum()
     };
-    shape.iter().filter(|c| occupied(c)).min_by_key(|c| (distance(c), **c)).copied()
+    let nearest = |of: &dyn Fn(&Cell) -> bool| {
+        shape.iter().filter(|c| occupied(c) && of(c)).min_by_key(|c| (distance(c), **c)).copied()
+    };
+    if growth == Growth::Solid {
+        return nearest(&|_| true);
+    }
+    // A scaffold depends on its seed only by which coordinates are even.
+    let parity = |c: &Cell| [c.x, c.y, c.z].map(|at| at.rem_euclid(2));
+    let parities = (0..8).map(|bits: i16| [bits & 1, bits >> 1 & 1, bits >> 2]);
+    let seeds = parities.filter_map(|of| nearest(&|c| parity(c) == of));
+    let filled = |seed: &Cell| Goal::compile(shape, *seed, growth).map_or(0, |goal| goal.len());
+    seeds.max_by_key(|seed| (filled(seed), Reverse((distance(seed), *seed))))
 }

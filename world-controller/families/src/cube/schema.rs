@@ -27,11 +27,15 @@ pub fn schema() -> FamilySchema {
                 "name": said(NUMBERED, text()),
                 "shape": of("shape"),
                 "seed": said(
-                    "Where growth begins. If left out, the occupied cell of the goal nearest to \
-                     its centre.",
+                    "The growth seed: the cell where growth begins. If left out, the occupied cell of the goal nearest to \
+                     its centre; of a scaffold, one from which it fills most of the shape.",
                     of("cell"),
                 ),
-                "growth": one_of(&GROWTH),
+                "growth": said(
+                    "solid fills every cell of the shape; scaffold fills corners and edges, about half of the cells, and leaves \
+                     tunnels in between.",
+                    one_of(&GROWTH),
+                ),
             }),
         ),
         protocol: table(

@@ -77,7 +77,7 @@ fn heading(plan: &PlanFile, repeat: String) -> Heading {
         seed: None,
         link: PLANNED,
         repeat,
-        goals: vec!["the goal".to_owned()],
+        goals: vec![("the goal".to_owned(), 0)],
         partitions: Vec::new(),
         changes: Vec::new(),
         hosts: None,

@@ -85,12 +85,14 @@ fn stem(path: &Path) -> String {
 
 fn open_drawing(path: &Path) -> Result<OpenedDrawing, StudioError> {
     let pitch = if Format::of(path)?.is_mesh() { Some(pitch_for(sources(), path, CELLS)?) } else { None };
-    let Imported { cells, pins, thin, .. } = import(sources(), path, &Import { pitch, ..Import::default() })?;
+    let Imported { cells, pins, thin, mut notes, .. } =
+        import(sources(), path, &Import { pitch, ..Import::default() })?;
     if cells.len() > MAX_CELLS {
         return Err(StudioError::TooLarge { file: path.shown(), cells: cells.len() });
     }
     let name = stem(path);
-    Ok(OpenedDrawing { name, cells, pins, note: thin.map(|thin| format!("left out: {thin}")) })
+    notes.extend(thin.map(|thin| format!("left out: {thin}")));
+    Ok(OpenedDrawing { name, cells, pins, note: (!notes.is_empty()).then(|| notes.join("; ")) })
 }
 
 /// Opens the content of a file of this name, whose room finds its drawings by `drawings`.

@@ -14,6 +14,7 @@ use crate::visible::{Colour, FILLS, Floor, Words};
 use metamorph_core::counters::Class;
 use metamorph_core::ids::ModuleId;
 use metamorph_core::lattice::Cell;
+use metamorph_text::format::count;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A run as figures see it.
@@ -45,8 +46,8 @@ pub struct Extent {
     pub without: bool,
     /// The classes of drawn messages.
     pub classes: BTreeSet<Class>,
-    /// True if a goal is outlined.
-    pub goal: bool,
+    /// The goal that is outlined, in words.
+    pub goal: Option<String>,
     /// True if a module waits for another one, and that is drawn.
     pub waits: bool,
 }
@@ -91,7 +92,15 @@ impl Extent {
     pub fn add(&mut self, subject: &Subject<'_>, snapshot: &Snapshot, composition: &Composition) {
         let points = composition.solids.iter().flat_map(|s| &s.facets).flat_map(|f| &f.points);
         points.chain(composition.goal.iter().flatten()).for_each(|point| self.point(*point));
-        self.goal |= !composition.goal.is_empty();
+        if !composition.goal.is_empty() {
+            self.goal = Some(match (snapshot.goal.len(), snapshot.omitted) {
+                (_, 0) => "goal".to_owned(),
+                (cells, omitted) => {
+                    let shape = count((cells + omitted) as u64);
+                    format!("goal ({} of the {shape} cells of the shape)", count(cells as u64))
+                }
+            });
+        }
         for link in subject.links(snapshot, composition) {
             match link.kind {
                 LinkKind::Contact => {}

@@ -103,7 +103,7 @@ fn entries(subject: &Subject<'_>, extent: &Extent) -> Vec<Entry> {
         };
         Entry::Patch(theme.state(*state), Some(*state), text.to_owned())
     }));
-    entries.extend(extent.goal.then(|| Entry::Line(subject.outline(0.7), "goal".to_owned())));
+    entries.extend(extent.goal.iter().map(|goal| Entry::Line(subject.outline(0.7), goal.clone())));
     entries.extend(extent.classes.iter().map(|class| {
         let colour = subject.link_colour(LinkKind::Messages { class: *class, count: 0 });
         Entry::Line(Stroke::solid(colour, 1.4), class.name().to_owned())

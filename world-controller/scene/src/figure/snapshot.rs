@@ -49,6 +49,8 @@ pub struct Snapshot {
     pub elements: BTreeMap<Cell, Hold>,
     /// The cells of the goal with their levels, in the goal's order.
     pub goal: Vec<(Cell, u16)>,
+    /// The number of cells that the goal's shape has besides.
+    pub omitted: usize,
     /// The distance of each module to a target, in moves; `None` if it knows of none.
     pub gradient: Vec<Option<u16>>,
     /// The messages that each module has sent and received so far.
@@ -147,6 +149,7 @@ impl<'s> Playback<'s> {
             obstacles: self.obstacles.clone(),
             elements: self.elements.clone(),
             goal: self.goal_cells(),
+            omitted: self.scene.omitted(self.goal.number),
             gradient: (0..self.courses.len()).map(gradient).collect(),
             messages: self.messages.clone(),
             bin: width.as_secs_f64(),

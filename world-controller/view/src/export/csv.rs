@@ -1,6 +1,7 @@
 //! The figures of a recorded run as tables: each module, the course of time, and the latencies of messages.
 
 use metamorph_console::output::{Output, OutputError, Outputs};
+use metamorph_console::output_kind::OutputKind;
 use metamorph_processes::record::journal::{Consumed, Event as Recorded, Journal, JournalFailure, Step, Who};
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
@@ -131,7 +132,7 @@ impl Tables {
             error,
             fix: "name a directory that can be written, or a new one",
         })?;
-        let mut file = |name: &str| outputs.writes("--csv", &directory.join(name));
+        let mut file = |name: &str| outputs.writes("--csv", &directory.join(name), OutputKind::Csv);
         Ok(Tables { modules: file("modules.csv")?, time: file("time.csv")?, latency: file("latency.csv")? })
     }
 

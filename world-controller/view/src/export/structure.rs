@@ -376,6 +376,7 @@ mod tests {
             obstacles: Vec::new(),
             elements: BTreeMap::new(),
             goal: Vec::new(),
+            omitted: 0,
             gradient: Vec::new(),
             messages: Vec::new(),
             bin: 1.0,

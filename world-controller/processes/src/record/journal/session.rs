@@ -3,6 +3,7 @@
 use super::join::Join;
 use super::{Event, JournalError, Record, RunHead, Who, head_of, parts_of};
 use metamorph_console::output::{OutputError, Outputs};
+use metamorph_console::output_kind::OutputKind;
 use metamorph_module_agent::journal_file::{End, Head, Parts, RunId, Writer, controller_part};
 use metamorph_protocol::counters::Tally;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
@@ -118,7 +119,8 @@ impl JournalSession {
     fn join(&self, parts: &Path) -> Result<(), JournalError> {
         let mut join = Join::open(parts)?;
         let failed = |e: OutputError| JournalError::Create(self.file.clone(), io::Error::other(e));
-        let output = Outputs::default().writes("--journal", &self.file).map_err(failed)?;
+        let output =
+            Outputs::default().writes("--journal", &self.file, OutputKind::Journal).map_err(failed)?;
         let draft = output.begin().map_err(failed)?;
         let handle = draft.handle().map_err(|e| JournalError::Create(self.file.clone(), e))?;
         let mut joined = Writer::onto(handle, &self.file, &Head::Run(join.head().clone()))?;
