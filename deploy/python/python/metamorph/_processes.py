@@ -43,7 +43,7 @@ def must_be_importable(*given: object) -> None:
 
 def part(work: Work, first: int, last: int) -> str:
     """The rows of some seeds; called in a process of its own."""
-    given = _native.Protocol(work.protocol, work.until, [])
+    given = _native.Protocol(work.protocol, work.until, [], None)
     return _native.sweep(work.origin, work.text, (first, last), work.axes, 1, None, given)
 
 
