@@ -28,6 +28,7 @@ function parameter(kind, verb) {
   }
   const { fields, text } = PARAMETERS[kind];
   const bounds = { cell: {}, shift: {}, lease: { min: 1, max: LONGEST_LEASE }, percent: { min: 0, max: 100 } }[kind] ?? { min: 0 };
+  /** @param {[string, number, string?]} field */
   const called = ([name, , unit]) => `${verb}: ${[name, unit && `in ${unit}`].filter(Boolean).join(" ")}`;
   const inputs = fields.map((field) => make("input", { type: "number", step: 1, required: true, value: field[1], "aria-label": called(field), ...bounds }));
   return { fields: fields.map(([name, , unit], i) => make("label", {}, name, inputs[i], unit ?? "")), text: () => text(...inputs.map((input) => input.value)) };
