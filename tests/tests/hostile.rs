@@ -389,6 +389,10 @@ fn solids() -> Vec<Case> {
 /// Returns files that are no configurations of VisibleSim.
 fn configurations() -> Vec<String> {
     let targets = |inner: &str| format!("<world><targetList><target>{inner}</target></targetList></world>");
+    let solid = |text: &str| {
+        let targets = targets(&format!("<csg content=\"{text}\"/>"));
+        targets.replace("<world>", "<world gridSize=\"30000,30000,30000\">")
+    };
     let attributes = |n: usize| (0..n).map(|i| format!(" a{i}=\"1\"")).collect::<String>();
     let namespaces = |n: usize| (0..n).map(|i| format!(" xmlns:n{i}=\"u{i}\"")).collect::<String>();
     vec![
@@ -414,6 +418,15 @@ fn configurations() -> Vec<String> {
         targets("<cell position=\"&#x9b;31m\"/>"),
         targets("<cell/>"),
         targets("<csg content=\"sphere(9)\"/>"),
+        solid(&"translate([1, 0, 0]) ".repeat(100_000)),
+        solid(&"union() {".repeat(100_000)),
+        solid(&"(".repeat(1 << 20)),
+        solid(&format!("cube({}", "(".repeat(1 << 20))),
+        solid(&format!("cube([{}", "1,".repeat(1 << 20))),
+        solid(&"cube(1);".repeat(100_000)),
+        solid(&"cube(99999);".repeat(100)),
+        solid("cube(1e300 * 1e300);"),
+        solid("translate([1e300, 0, 0]) cube(1);").replace("content", "boundingBox=\"false\" content"),
         targets(&format!("<targetLine values=\"{}\"/>", "1".repeat(1 << 20))),
         targets("<targetLine line=\"99999999999999999999\" values=\"1\"/>"),
         "<world\u{202e}/>".into(),

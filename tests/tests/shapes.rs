@@ -235,7 +235,7 @@ fn broken_configurations_are_refused_with_place_reason_and_fix() {
     refused(&shape("a.xml", with("4,4,0", "4,40000,0"), &[]), &["[4, 40000, 0] is out of range"]);
     refused(
         &shape("a.xml", with("\"grid\"", "\"csg\""), &[]),
-        &["a.xml:11: a target of the format `csg` is not supported"],
+        &["a.xml:11: a target of the format `csg` has no <csg>"],
     );
     let mesh = with("<blocksLine", "<mesh file=\"a.obj\"/><blocksLine");
     refused(&shape("a.xml", &mesh, &["--part", "blocks"]), &["a.xml:5: <mesh> is not supported"]);

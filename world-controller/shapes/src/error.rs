@@ -27,6 +27,10 @@ pub const MAX_ATTRIBUTES: usize = 2_000_000;
 pub const MAX_ATTRIBUTES_OF_ONE: usize = 64;
 /// Largest number of namespaces that an XML file may declare. The parser lists them for every element.
 pub const MAX_NAMESPACES: usize = 16;
+/// Largest number of solids that the text of a solid joins, motions among them.
+pub const MAX_CSG_PARTS: usize = 10_000;
+/// Largest number of solids and parentheses around one another in the text of a solid.
+pub const MAX_CSG_DEPTH: usize = 64;
 /// Largest number of voxels of a MagicaVoxel scene, those of a model counted as often as it is in the scene, and of
 /// cells that a configuration names.
 pub const MAX_VOXELS: usize = 4_000_000;
@@ -235,6 +239,16 @@ pub enum SolidError {
         /// The part.
         what: &'static str,
     },
+    /// The requested part is there but empty.
+    #[error("{file}:{line}: {what}")]
+    EmptyPart {
+        /// The file.
+        file: String,
+        /// The line of the part.
+        line: u32,
+        /// The part and what it lacks.
+        what: String,
+    },
     /// An obstacle where the shape has a cell.
     #[error("{file}:{line}: <obstacleList> has an obstacle in the cell {cell}, which the shape has, too")]
     Obstacle {
@@ -330,7 +344,9 @@ impl SolidError {
             SolidError::TooWide { .. } => "move the cells closer together",
             SolidError::OutOfRange { .. } => "move it towards the origin",
             SolidError::Doctype { .. } => "remove the declaration; configurations of VisibleSim need none",
-            SolidError::NoPart { .. } => "name the other part, or add it to the configuration",
+            SolidError::NoPart { .. } | SolidError::EmptyPart { .. } => {
+                "name the other part, or add it to the configuration"
+            }
             SolidError::Obstacle { .. } => "remove the obstacle, or the cell from the shape",
             SolidError::NotRead { .. } => {
                 "name every cell with its position, as the values of a line, or in a box; a solid can be read from its own file (.stl, .obj)"

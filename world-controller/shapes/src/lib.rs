@@ -2,13 +2,14 @@
 //! VisibleSim, and drawings.
 //!
 //! `mesh` reads triangles, `surface` finds where they are not closed, `voxel` finds the cells that they enclose, `vox`
-//! reads scenes, `visiblesim` reads configurations, `drawing` reads and writes drawings, `printability` says what of a
+//! reads scenes, `visiblesim` reads configurations, `csg` the solids in them, `drawing` reads and writes drawings, `printability` says what of a
 //! shape cannot be built, `preview` shows it and writes it as a scenario, `error` has the errors.
 //!
 //! *Invariant.* No file makes this panic or exceed the memory and time that the limits in `error` allow.
 //! Absent: repairing broken meshes, beyond the repairs of `surface`; a mesh with large holes has no inside.
 
 pub mod analysis;
+mod csg;
 pub mod drawing;
 pub mod error;
 mod mesh;
@@ -247,6 +248,15 @@ fn load(sources: &dyn Sources, path: &Path) -> Result<Vec<u8>, SolidError> {
         Some((what, instead)) => Err(SolidError::Foreign { file, what, instead }),
         None => Ok(bytes),
     }
+}
+
+/// Ends the error for numbers with more commas than separate them.
+const COMMA_HINT: &str = "; a point is wanted, not a decimal comma";
+
+/// Returns [`COMMA_HINT`] if a text has more commas than separate this many numbers.
+fn comma_hint(text: &[u8], numbers: usize) -> &'static str {
+    let commas = text.iter().filter(|byte| **byte == b',').count();
+    if commas >= numbers { COMMA_HINT } else { "" }
 }
 
 /// Returns the name of a content that is no shape whatever the file is called, and what to do about it.

@@ -4,6 +4,7 @@
 //! Text is read as bytes: only keywords and numbers count, so names and comments may have any encoding that
 //! contains ASCII.
 
+use super::comma_hint;
 use super::error::{MAX_TRIANGLES, SolidError};
 use metamorph_text::escape;
 use metamorph_text::format::many;
@@ -126,7 +127,12 @@ impl<'a> Tokens<'a> {
 
     fn number(&mut self) -> Result<f32, SolidError> {
         let token = self.next();
-        number(token).ok_or_else(|| self.wrong("a number such as 1.5", token))
+        number(token).ok_or_else(|| match self.wrong("a number such as 1.5", token) {
+            SolidError::Syntax { file, line, why } => {
+                SolidError::Syntax { file, line, why: why + comma_hint(token, 1) }
+            }
+            other => other,
+        })
     }
 
     fn keyword(&mut self, keyword: &str) -> Result<(), SolidError> {
@@ -170,10 +176,9 @@ pub fn obj(file: &str, bytes: &[u8]) -> Result<Vec<Triangle>, SolidError> {
         if tokens[0] == b"v" {
             let corner = || Some([number(tokens.get(1)?)?, number(tokens.get(2)?)?, number(tokens.get(3)?)?]);
             corners.push(corner().ok_or_else(|| {
-                wrong(format!(
-                    "expected three numbers of a position, found \"{}\"",
-                    shown(&tokens.join(&b' '))
-                ))
+                let found = tokens.join(&b' ');
+                let hint = comma_hint(&found, 1);
+                wrong(format!("expected three numbers of a position, found \"{}\"{hint}", shown(&found)))
             })?);
             continue;
         }
@@ -294,7 +299,10 @@ mod tests {
     fn wrong_stl_is_shown_with_its_line() {
         let solid = format!("solid part\n{FACET}endsolid part\n");
         for (text, error) in [
-            (solid.replace("1.5e0", "1,5"), "a.stl:6: expected a number such as 1.5, found \"1,5\""),
+            (
+                solid.replace("1.5e0", "1,5"),
+                "a.stl:6: expected a number such as 1.5, found \"1,5\"; a point is wanted, not a decimal comma",
+            ),
             (solid.replace("1.5e0", "1,5").replace('\n', "\r\n"), "a.stl:6: "),
             (solid.replace("1.5e0", "1,5").replace('\n', "\r"), "a.stl:6: "),
             (solid.replace("endloop", "vertex 1 1 1"), "a.stl:7: expected `endloop`, found \"vertex\""),
@@ -352,7 +360,7 @@ mod tests {
         for (text, error) in [
             (
                 corners.replace("1.5", "1,5"),
-                "a.obj:3: expected three numbers of a position, found \"v 0 1,5 0\"",
+                "a.obj:3: expected three numbers of a position, found \"v 0 1,5 0\"; a point is wanted, not a decimal comma",
             ),
             (
                 format!("{corners}v 1 \\\n2\n"),

@@ -3,12 +3,16 @@
 //!
 //! Positions are cells of a simple cubic lattice, as of its sliding cubes, Smart Blocks and Blinky Blocks.
 //! The file does not name the robot: positions in the face-centred lattice of 3D Catoms are read too, but as
-//! a sheared shape. The root is `<world>`, or `<vs>` with `<world>` in it; other elements may stand beside them,
-//! as VisibleSim's parser allows. Ignored: cameras, lights, colours, orientations, parameters. Obstacles are a note,
-//! and an error where the shape has a cell. Refused: descriptions of shapes (`csg`, `mesh`).
+//! a sheared shape, and a solid (`csg`) fills the cells that VisibleSim fills in its cubic lattice. The root is `<world>`, or
+//! `<vs>` with `<world>` in it; other elements may stand beside them, as VisibleSim's parser allows.
+//! Ignored: cameras, lights, colours, orientations, parameters. Obstacles are a note, and an error where the shape has a
+//! cell; all else in `<world>` is a note. Refused: surfaces and meshes.
 
+use super::comma_hint;
+use super::csg::{self, Solid, Why, Wrong};
 use super::error::{
-    MAX_ATTRIBUTES, MAX_ATTRIBUTES_OF_ONE, MAX_NAMESPACES, MAX_NODES, MAX_VOXELS, SolidError,
+    MAX_ATTRIBUTES, MAX_ATTRIBUTES_OF_ONE, MAX_GRID, MAX_NAMESPACES, MAX_NODES, MAX_VOXELS, MAX_WORK,
+    SolidError,
 };
 use metamorph_core::lattice::Cell;
 use metamorph_text::format::many;
@@ -18,6 +22,20 @@ use std::collections::BTreeSet;
 
 /// The element put around a file that has several roots.
 const AROUND: &str = "files";
+/// Elements of `<world>` that say nothing about the shape, or are read.
+const KNOWN: [&str; 9] = [
+    "blockList",
+    "targetList",
+    "targetGrid",
+    "obstacleList",
+    "camera",
+    "spotlight",
+    "lightSource",
+    "customization",
+    "parameters",
+];
+/// Number of elements left out that a note names at most.
+const MAX_NAMED: usize = 5;
 
 /// A part of a configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -40,14 +58,14 @@ pub fn cells(file: &str, bytes: &[u8], part: Part) -> Result<(BTreeSet<Cell>, Ve
         Err(Error::DtdDetected) => {
             return Err(SolidError::Doctype { file: file.to_owned(), line: doctype_line(&text) });
         }
-        Err(error) => {
+        Err(first) => {
             // VisibleSim's parser accepts several roots.
             around = format!("<{AROUND}>{text}</{AROUND}>");
-            let (line, why) = (error.pos().row as usize, format!("this is not XML: {error}"));
-            Document::parse_with_options(&around, options()).map_err(|_| SolidError::Syntax {
-                file: file.to_owned(),
-                line,
-                why,
+            Document::parse_with_options(&around, options()).map_err(|second| {
+                // The one that comes further is the fault; the other one may be about the roots.
+                let last = second.pos().row as usize <= text.lines().count();
+                let error = if last && second.pos().row > first.pos().row { second } else { first };
+                not_xml(file, &error)
             })?
         }
     };
@@ -58,8 +76,7 @@ pub fn cells(file: &str, bytes: &[u8], part: Part) -> Result<(BTreeSet<Cell>, Ve
         world => inside("world").or(Some(world).filter(|node| node.has_tag_name("world"))),
     };
     let grid = world.and_then(|world| coordinates(world.attribute("gridSize")?));
-    let (cells, notes) = (BTreeSet::new(), Vec::new());
-    let mut reader = Reader { file, document: &document, grid, cells, named: 0, again: 0, cut: None, notes };
+    let mut reader = Reader::new(file, &document, grid);
     let Some(world) = world else {
         let found = if root.has_tag_name(AROUND) { children(root).next() } else { Some(root) };
         let name = found.map_or("nothing".to_owned(), |found| format!("<{}>", cut(found.tag_name().name())));
@@ -69,30 +86,25 @@ pub fn cells(file: &str, bytes: &[u8], part: Part) -> Result<(BTreeSet<Cell>, Ve
         Part::Blocks => ["blockList"].as_slice(),
         Part::Targets => &["targetList", "targetGrid"],
     };
+    let mut empty = None;
     for list in children(world).filter(|node| lists.contains(&node.tag_name().name())) {
         match list.tag_name().name() {
             "targetList" => reader.targets(list)?,
             _ => reader.list(list)?,
         }
+        empty.get_or_insert(list);
     }
     if reader.cells.is_empty() {
-        let what = match part {
-            Part::Blocks => "modules (<blockList>)",
-            Part::Targets => "target (<targetList>)",
-        };
-        return Err(SolidError::NoPart { file: file.to_owned(), what });
+        return Err(reader.no_cells(part, empty));
     }
-    reader.obstacles(world)?;
-    if reader.again > 0 {
-        reader.notes.push(format!("{} named twice", counted(reader.again, "cell", ["is", "are"])));
-    }
-    if let Some((boxes, line)) = reader.cut {
-        let ends = counted(boxes, "<blockBox>", ["ends", "end"]);
-        reader.notes.push(format!(
-            "{ends} before the last cells of the grid (`gridSize`), as in VisibleSim; the first is in line {line}"
-        ));
-    }
+    reader.obstacles()?;
+    reader.note_all(world);
     Ok((reader.cells, reader.notes))
+}
+
+fn not_xml(file: &str, error: &Error) -> SolidError {
+    let (line, why) = (error.pos().row as usize, format!("this is not XML: {error}"));
+    SolidError::Syntax { file: file.to_owned(), line, why }
 }
 
 /// Returns a number with its noun and the verb for one or for many.
@@ -197,10 +209,65 @@ struct Reader<'a> {
     again: usize,
     /// The number of boxes that VisibleSim's grid cuts, and the line of the first.
     cut: Option<(usize, u32)>,
+    /// The lines of the first positions that have two numbers, and three.
+    numbers: [Option<u32>; 2],
     notes: Vec<String>,
 }
 
-impl Reader<'_> {
+impl<'a> Reader<'a> {
+    fn new(file: &'a str, document: &'a Document<'a>, grid: Option<[i64; 3]>) -> Reader<'a> {
+        let (cells, notes) = (BTreeSet::new(), Vec::new());
+        Reader { file, document, grid, cells, named: 0, again: 0, cut: None, numbers: [None; 2], notes }
+    }
+
+    /// Returns the error for a part without a cell; it names its list if there is one.
+    fn no_cells(&self, part: Part, list: Option<Node<'_, '_>>) -> SolidError {
+        let (what, cells) = match part {
+            Part::Blocks => ("modules (<blockList>)", "modules"),
+            Part::Targets => ("target (<targetList>)", "cells"),
+        };
+        let Some(list) = list else { return SolidError::NoPart { file: self.file.to_owned(), what } };
+        let outside =
+            self.cut.map(|(_, line)| format!("; the <blockBox> in line {line} has none in the grid"));
+        let (file, line) = (self.file.to_owned(), self.line(list));
+        let list = list.tag_name().name();
+        SolidError::EmptyPart {
+            file,
+            line,
+            what: format!("<{list}> has no {cells}{}", outside.unwrap_or_default()),
+        }
+    }
+
+    /// Notes all that was left out or read otherwise than written.
+    fn note_all(&mut self, world: Node<'_, '_>) {
+        if self.again > 0 {
+            self.notes.push(format!("{} named twice", counted(self.again, "cell", ["is", "are"])));
+        }
+        if let Some((boxes, line)) = self.cut {
+            let ends = counted(boxes, "<blockBox>", ["ends", "end"]);
+            self.notes.push(format!(
+                "{ends} before the last cells of the grid (`gridSize`), as in VisibleSim; the first is in line {line}"
+            ));
+        }
+        if let Some(line) = self.numbers[0] {
+            self.notes
+                .push(format!("positions of two numbers are x and y; z is 0 (the first is in line {line})"));
+        }
+        let others = children(world).filter(|node| !KNOWN.contains(&node.tag_name().name()));
+        let mut names: Vec<String> = Vec::new();
+        for name in others.map(|node| format!("<{}> (line {})", cut(node.tag_name().name()), self.line(node)))
+        {
+            if names.len() == MAX_NAMED {
+                names.push("others".to_owned());
+                break;
+            }
+            names.push(name);
+        }
+        if !names.is_empty() {
+            self.notes.push(format!("left out of <world>: {}", names.join(", ")));
+        }
+    }
+
     fn line(&self, node: Node<'_, '_>) -> u32 {
         self.document.text_pos_at(node.range().start).row
     }
@@ -220,8 +287,11 @@ impl Reader<'_> {
         if let Some(second) = targets.next() {
             return Err(self.not_read(second, "a second <target>".to_owned()));
         }
+        let method = || children(target).find_map(|node| node.attribute("meth").map(cut));
         match target.attribute("format") {
             Some("grid") | None => self.list(target),
+            Some("csg") if children(target).any(|node| node.has_tag_name("csg")) => self.list(target),
+            Some("csg") => Err(self.syntax(target, "a target of the format `csg` has no <csg>".to_owned())),
             Some("relativeGrid") => {
                 self.notes.push(
                     "its positions are relative to a cell that the program chooses; `at` places them"
@@ -230,34 +300,159 @@ impl Reader<'_> {
                 self.list(target)
             }
             Some(other) => {
-                let other: String = other.chars().take(40).collect();
-                Err(self.not_read(target, format!("a target of the format `{other}`")))
+                let method = method().map_or(String::new(), |method| format!(" (method `{method}`)"));
+                Err(self.not_read(target, format!("a target of the format `{}`{method}", cut(other))))
             }
         }
     }
 
     fn list(&mut self, list: Node<'_, '_>) -> Result<(), SolidError> {
+        let mut solids = 0;
         for node in children(list) {
-            match node.tag_name().name() {
+            match self.known_name(node) {
                 "block" | "cell" => {
                     let cell = self.position(node)?;
                     self.add(cell)?;
                 }
                 "blocksLine" | "targetLine" => self.line_of_cells(node)?,
                 "blockBox" => self.box_of_cells(node)?,
+                "csg" if solids > 0 => return Err(self.not_read(node, "a second <csg>".to_owned())),
+                "csg" => {
+                    solids += 1;
+                    self.solid(node, list.has_tag_name("blockList"))?;
+                }
                 other => return Err(self.not_read(node, format!("<{}>", cut(other)))),
             }
         }
         Ok(())
     }
 
+    /// Returns the name of an element, or that which differs from it in capitals only, with a note.
+    fn known_name<'n>(&mut self, node: Node<'n, '_>) -> &'n str {
+        let name = node.tag_name().name();
+        let known = ["block", "cell", "blocksLine", "targetLine", "blockBox", "csg"];
+        let alike = known.into_iter().find(|known| name.eq_ignore_ascii_case(known) && name != *known);
+        if let Some(alike) = alike {
+            let line = self.line(node);
+            self.notes.push(format!(
+                "<{name}> in line {line} is read as <{alike}>; VisibleSim leaves it out for its capitals"
+            ));
+        }
+        alike.unwrap_or(name)
+    }
+
+    /// Fills the cells of the grid that are in a solid, as VisibleSim does in a cubic lattice.
+    fn solid(&mut self, node: Node<'_, '_>, of_blocks: bool) -> Result<(), SolidError> {
+        let line = self.line(node);
+        let Some(grid) = self.grid else {
+            return Err(self.syntax(
+                node,
+                "<csg> fills a grid, but <world> has no `gridSize` of three numbers".to_owned(),
+            ));
+        };
+        let (solid, parts) = self.csg(node)?;
+        let origin = self.origin(node, &solid, of_blocks)?;
+        // The cells around the grid are examined to tell whether it cuts the solid.
+        let corners = solid.corners().unwrap_or_default();
+        let low = [0, 1, 2].map(|axis| ((corners[0][axis] - origin[axis]).floor() as i64).max(-1));
+        let high = [0, 1, 2].map(|axis| ((corners[1][axis] - origin[axis]).ceil() as i64).min(grid[axis]));
+        let cells = [0, 1, 2].map(|axis| (high[axis] + 1).saturating_sub(low[axis]).max(0).unsigned_abs());
+        let cells = cells.into_iter().fold(1, u64::saturating_mul);
+        if cells > MAX_GRID || cells.saturating_mul(parts) > MAX_WORK {
+            return Err(self.not_read(node, "a <csg> with so many solids in so large a grid".to_owned()));
+        }
+        let (mut filled, mut outside) = (0usize, false);
+        for z in low[2]..=high[2] {
+            for y in low[1]..=high[1] {
+                for x in low[0]..=high[0] {
+                    let at = [x, y, z];
+                    if !solid.contains([0, 1, 2].map(|axis| at[axis] as f64 + origin[axis])) {
+                        continue;
+                    }
+                    if at.iter().zip(grid).any(|(c, cells)| *c < 0 || *c >= cells) {
+                        outside = true;
+                    } else {
+                        filled += 1;
+                        self.insert(at)?;
+                    }
+                }
+            }
+        }
+        if filled == 0 {
+            return Err(self.syntax(node, "<csg> fills no cell of the grid (`gridSize`)".to_owned()));
+        }
+        self.notes.push(format!(
+            "its <csg> fills {} of a cubic lattice; VisibleSim fills those of its robot's lattice",
+            many(filled as u64, "cell")
+        ));
+        if outside {
+            self.notes.push(format!(
+                "the grid (`gridSize`) ends inside the <csg> in line {line}; cells outside are left out, as in VisibleSim"
+            ));
+        }
+        Ok(())
+    }
+
+    /// Parses the solid of a `<csg>`; returns it with the number of its parts.
+    fn csg(&self, node: Node<'_, '_>) -> Result<(Solid, u64), SolidError> {
+        self.attribute(node, "content")?;
+        let place = node.attribute_node("content").map_or(0..0, |content| content.range_value());
+        // The text as it is in the file, in which lines can be counted.
+        let text = self.document.input_text().get(place.clone()).unwrap_or_default();
+        csg::parse(text).map_err(|Wrong { at, why }| {
+            let (file, line) = (self.file.to_owned(), self.document.text_pos_at(place.start + at).row);
+            match why {
+                Why::Syntax(why) => SolidError::Syntax { file, line: line as usize, why },
+                Why::NotRead(what) => SolidError::NotRead { file, line, what },
+                Why::TooMany(what, most) => {
+                    SolidError::TooManyParts { file, line: line as usize, what, most }
+                }
+            }
+        })
+    }
+
+    /// Returns the point of a solid that is in the first cell of the grid.
+    fn origin(&mut self, node: Node<'_, '_>, solid: &Solid, of_blocks: bool) -> Result<[f64; 3], SolidError> {
+        let heeded = ["content", "boundingBox", "offset", "orientation", "color"];
+        let others = node
+            .attributes()
+            .filter(|a| !heeded.contains(&a.name()) && (of_blocks || a.name() != "translate"));
+        for other in others {
+            self.notes.push(format!("`{}` of its <csg> is left out, as in VisibleSim", cut(other.name())));
+        }
+        let mut origin = [0.0; 3];
+        if self.flag(node, "boundingBox", true)? {
+            origin = solid.corners().map_or(origin, |[low, _]| low);
+        }
+        if self.flag(node, "offset", of_blocks)? {
+            origin = origin.map(|c| c - 1.0);
+        }
+        match node.attribute("translate").filter(|_| !of_blocks) {
+            None => Ok(origin),
+            Some(text) => {
+                let wrong = || self.wrong_number(node, "three numbers", "translate", text);
+                let by: [f64; 3] = numbers(text).ok_or_else(wrong)?;
+                Ok([0, 1, 2].map(|axis| origin[axis] - by[axis]))
+            }
+        }
+    }
+
+    fn flag(&self, node: Node<'_, '_>, name: &str, default: bool) -> Result<bool, SolidError> {
+        match node.attribute(name).map(str::trim) {
+            None => Ok(default),
+            Some("true" | "yes" | "1") => Ok(true),
+            Some("false" | "no" | "0") => Ok(false),
+            Some(other) => Err(self.wrong_number(node, "`true` or `false`", name, other)),
+        }
+    }
+
     /// Reads one character for each cell along x; `1` is a module.
     fn line_of_cells(&mut self, node: Node<'_, '_>) -> Result<(), SolidError> {
         let number = |name| match node.attribute(name) {
             None => Ok(0),
-            Some(text) => text.trim().parse::<i64>().map_err(|_| {
-                self.syntax(node, format!("expected a whole number, found {name}=\"{}\"", cut(text)))
-            }),
+            Some(text) => {
+                text.trim().parse::<i64>().map_err(|_| self.wrong_number(node, "a whole number", name, text))
+            }
         };
         let (y, z) = (number("line")?, number("plane")?);
         let values = self.attribute(node, "values")?;
@@ -299,9 +494,9 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Notes obstacles beside the shape, and refuses those in it.
-    fn obstacles(&mut self, world: Node<'_, '_>) -> Result<(), SolidError> {
-        let lists = children(world).filter(|node| node.has_tag_name("obstacleList"));
+    /// Notes obstacles beside the shape, wherever their list is, and refuses those in it.
+    fn obstacles(&mut self) -> Result<(), SolidError> {
+        let lists = self.document.descendants().filter(|node| node.has_tag_name("obstacleList"));
         let (mut obstacles, mut example) = (0, None);
         for node in lists.flat_map(children) {
             let cell = in_range(self.file, self.position(node)?)?;
@@ -320,16 +515,38 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn position(&self, node: Node<'_, '_>) -> Result<[i64; 3], SolidError> {
-        let missing = || self.syntax(node, format!("<{}> has no `position`", node.tag_name().name()));
-        self.place(node, "position")?.ok_or_else(missing)
+    /// Reads a position, of three numbers or, in files for flat robots, all of two.
+    fn position(&mut self, node: Node<'_, '_>) -> Result<[i64; 3], SolidError> {
+        let text = self.attribute(node, "position")?;
+        let flat = text.matches(',').count() == 1;
+        let position = coordinates(text).or_else(|| whole(text).map(|[x, y]| [x, y, 0]));
+        let position =
+            position.ok_or_else(|| self.wrong_number(node, "three whole numbers", "position", text))?;
+        if self.numbers[usize::from(!flat)].is_none() {
+            self.numbers[usize::from(!flat)] = Some(self.line(node));
+        }
+        match self.numbers {
+            [Some(_), Some(_)] => Err(self.syntax(
+                node,
+                format!(
+                    "the position \"{}\" and others before it do not have equally many numbers",
+                    cut(text)
+                ),
+            )),
+            _ => Ok(position),
+        }
     }
 
     /// Returns the three whole numbers of an attribute, if the element has it.
     fn place(&self, node: Node<'_, '_>, name: &str) -> Result<Option<[i64; 3]>, SolidError> {
         let Some(text) = node.attribute(name) else { return Ok(None) };
-        let wrong = || format!("expected three whole numbers, found {name}=\"{}\"", cut(text));
-        coordinates(text).map(Some).ok_or_else(|| self.syntax(node, wrong()))
+        coordinates(text).map(Some).ok_or_else(|| self.wrong_number(node, "three whole numbers", name, text))
+    }
+
+    /// Returns the error for an attribute with something else than expected.
+    fn wrong_number(&self, node: Node<'_, '_>, expected: &str, name: &str, text: &str) -> SolidError {
+        let hint = comma_hint(text.as_bytes(), if expected.starts_with("three") { 3 } else { 1 });
+        self.syntax(node, format!("expected {expected}, found {name}=\"{}\"{hint}", cut(text)))
     }
 
     fn attribute<'n>(&self, node: Node<'n, '_>, name: &str) -> Result<&'n str, SolidError> {
@@ -350,6 +567,14 @@ impl Reader<'_> {
         self.again += usize::from(!self.cells.insert(cell));
         Ok(())
     }
+
+    /// Adds a cell that may be there.
+    fn insert(&mut self, at: [i64; 3]) -> Result<(), SolidError> {
+        let again = self.again;
+        self.add(at)?;
+        self.again = again;
+        Ok(())
+    }
 }
 
 fn cut(text: &str) -> String {
@@ -358,14 +583,26 @@ fn cut(text: &str) -> String {
 
 /// Parses `1,2,3` or `(1,2,3)`. Whole numbers may also be written as `1.0`.
 fn coordinates(text: &str) -> Option<[i64; 3]> {
+    whole(text)
+}
+
+/// Parses whole numbers between commas, perhaps in parentheses.
+fn whole<const N: usize>(text: &str) -> Option<[i64; N]> {
+    let numbers: [f64; N] = numbers(text)?;
+    let wholes = numbers.iter().all(|number| number.fract() == 0.0 && number.abs() < 1e9);
+    wholes.then(|| numbers.map(|number| number as i64))
+}
+
+/// Parses numbers between commas, perhaps in parentheses.
+fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
     let text = text.trim();
     let inner = text.strip_prefix('(').and_then(|rest| rest.strip_suffix(')')).unwrap_or(text);
-    let mut numbers = inner.split(',').map(|part| {
-        let number: f64 = part.trim().parse().ok()?;
-        (number.fract() == 0.0 && number.abs() < 1e9).then_some(number as i64)
-    });
-    let cell = [numbers.next()??, numbers.next()??, numbers.next()??];
-    numbers.next().is_none().then_some(cell)
+    let mut parts = inner.split(',').map(|part| part.trim().parse::<f64>().ok().filter(|n| n.is_finite()));
+    let mut numbers = [0.0; N];
+    for number in &mut numbers {
+        *number = parts.next()??;
+    }
+    parts.next().is_none().then_some(numbers)
 }
 
 /// Returns the cell at these coordinates.
@@ -401,7 +638,8 @@ mod tests {
             let text = format!("<blockBox boxOrigin='{origin}' boxSize='{size}'/><block position='0,0,0'/>");
             world("6,6,3", &text)
         };
-        let cases: [(String, usize, &str); 16] = [
+        let solid = |grid: &str, solid: &str| world(grid, &format!("<csg {solid}/>"));
+        let cases: [(String, usize, &str); 28] = [
             (block.clone(), 1, ""),
             (format!("<?xml version='1.0'?><vs><visuals/>{block}</vs>"), 1, ""),
             (format!("<?xml version='1.0'?>\n<parameters/>\n{block}"), 1, ""),
@@ -427,6 +665,38 @@ mod tests {
                 1,
                 "1 obstacle, such as [5, 5, 0]",
             ),
+            (
+                format!("<vs>{block}<obstacleList><obstacle position='5,5,0'/></obstacleList></vs>"),
+                1,
+                "1 obstacle, such as [5, 5, 0]",
+            ),
+            (block.replace("</world>", "<walls/></world>"), 1, "left out of <world>: <walls> (line 1)"),
+            (world("6,6,3", "<block position='3,4'/>"), 1, "positions of two numbers are x and y"),
+            (
+                world("6,6,3", "<blocksline values='0110'/>"),
+                2,
+                "<blocksline> in line 1 is read as <blocksLine>",
+            ),
+            (solid("6,6,6", "content='cube(2);'"), 27, "fills 27 cells of a cubic lattice"),
+            (solid("6,6,6", "content='cube(2, true);'"), 27, "fills 27 cells"),
+            (
+                solid("6,6,6", "content='cube(2, true);' boundingBox='false' offset='0'"),
+                8,
+                "ends inside the <csg>",
+            ),
+            (solid("6,6,6", "content='cube(2);' offset='false'"), 27, "fills 27 cells"),
+            (solid("3,6,6", "content='cube(2);'"), 18, "ends inside the <csg> in line 1"),
+            (solid("6,6,6", "content='cube(2);' skew='true'"), 27, "`skew` of its <csg> is left out"),
+            (
+                solid("6,6,6", "content='cube(2);' translate='1,1,1'"),
+                27,
+                "`translate` of its <csg> is left out",
+            ),
+            (
+                world("6,6,6", "<block position='1,1,1'/><csg content='cube(2);'/>"),
+                27,
+                "fills 27 cells of a cubic lattice",
+            ),
         ];
         for (text, blocks, note) in cases {
             let (found, targets, notes) =
@@ -444,15 +714,62 @@ mod tests {
         let relative = block.replace("<target>", "<target format='relativeGrid'>");
         let (found, notes) = cells("a.xml", relative.as_bytes(), Part::Targets).unwrap();
         assert!(found.len() == 2 && notes[0].contains("relative"), "{notes:?}");
+        let solid = "<world gridSize='9,9,9'><targetList><target format='csg'>\
+            <csg content='cube(1);' translate='2,3,4'/></target></targetList></world>";
+        let (found, _) = cells("a.xml", solid.as_bytes(), Part::Targets).unwrap();
+        assert!(found.len() == 8 && found.first() == Some(&Cell::from([2, 3, 4])), "{found:?}");
     }
 
     #[test]
     fn errors_name_the_line_and_what_is_not_read() {
         let world = |inner: &str| format!("<world>\n<blockList>\n{inner}</blockList>\n{TARGET}</world>");
+        let solid = |inner: &str| world(inner).replace("<world>", "<world gridSize='9,9,9'>");
         let far = "<blockBox boxOrigin='0,0,0' boxSize='900000000,900000000,900000000'/>";
         for (text, error) in [
             (world("<mesh file='a.obj'/>"), "a.xml:3: <mesh> is not supported"),
-            (world("<csg content='sphere(9)'/>"), "a.xml:3: <csg> is not supported"),
+            (
+                world("<csg content='sphere(9)'/>"),
+                "a.xml:3: <csg> fills a grid, but <world> has no `gridSize`",
+            ),
+            (solid("<csg/>"), "a.xml:3: <csg> has no `content`"),
+            (
+                solid("<csg content='cube(1);\n cube(1,5);'/>"),
+                "a.xml:4: expected 1 or 3 numbers of `cube`, found 2",
+            ),
+            (solid("<csg content='\nmodule a() {}'/>"), "a.xml:4: `module` of <csg> is not supported"),
+            (
+                solid("<csg content='cube(1);' offset='perhaps'/>"),
+                "expected `true` or `false`, found offset=\"perhaps\"",
+            ),
+            (solid("<csg content='cube(1);'/><csg content='cube(1);'/>"), "a.xml:3: a second <csg>"),
+            (
+                solid("<csg content='translate([9,9,9]) cube(1);' boundingBox='0'/>"),
+                "<csg> fills no cell of the grid",
+            ),
+            (
+                solid("<csg content='cube(900);'/>").replace("9,9,9", "999,999,999"),
+                "a <csg> with so many solids in so large a grid",
+            ),
+            (world("<block position='1,0;2,0;3,0'/>"), "found position=\"1,0;2,0;3,0\"; a point is wanted"),
+            (world("<blocksLine line='1,0' values='1'/>"), "found line=\"1,0\"; a point is wanted"),
+            (
+                world("<block position='1,0'/>\n<block position='1,2,3'/>"),
+                "a.xml:4: the position \"1,2,3\" and others before it do not have equally many numbers",
+            ),
+            (world(""), "a.xml:2: <blockList> has no modules"),
+            (
+                world("<blockBox boxOrigin='9,0,0' boxSize='1,1,1'/>")
+                    .replace("<world>", "<world gridSize='4,4,4'>"),
+                "a.xml:2: <blockList> has no modules; the <blockBox> in line 3 has none in the grid",
+            ),
+            (
+                world("<block position='2,1,0'/>").replace(
+                    "<target>",
+                    "<target format='surface'><method meth='nurbs'><cell position='1,1,1'/></method>",
+                ),
+                "a.xml:4: a target of the format `surface` (method `nurbs`) is not supported",
+            ),
+            ("<parameters/>\n<world>\n<a b=1/>\n</world>".to_owned(), "a.xml:3: this is not XML"),
             (world("<blockBox boxOrigin='0,0,0'/>"), "a.xml:3: <blockBox> has no `boxSize`"),
             (
                 world("<blockBox boxSize='3,2'/>"),
@@ -462,7 +779,7 @@ mod tests {
             (world("<blockBox boxSize='9000,9000,1'/>"), "there are more than 4000000 cells"),
             (
                 world("<block position='2,1,0'/>").replace("<target>", "<target format='csg'>"),
-                "a.xml:4: a target of the format `csg`",
+                "a.xml:4: a target of the format `csg` has no <csg>",
             ),
             (
                 world("<block position='2,1,0'/>")
