@@ -37,12 +37,12 @@ fn a_chair_is_drawn_repaired_and_built_in_five_clicks() {
     let Some(mut browser) = open(&view, None) else { return };
     let chair = middle(&mut browser, ".card");
     browser.click(chair.0, chair.1);
-    browser.until(&format!("{SETTLED} && {CELLS} === 16"));
-    assert_eq!(number(&mut browser, "window.studio.panel.answer.d"), 4);
+    browser.until(&format!("{SETTLED} && {CELLS} === 23"));
+    assert_eq!(number(&mut browser, "window.studio.panel.answer.d"), 1);
     // A cube on the middle of the back, by its upper face.
-    let face = spot(&mut browser, [0.0, 1.0, 2.5]);
+    let face = spot(&mut browser, [0.0, 1.0, 4.5]);
     browser.click(face.0, face.1);
-    browser.until(&format!("{SETTLED} && {CELLS} === 17 && window.studio.structure.has([0, 1, 3])"));
+    browser.until(&format!("{SETTLED} && {CELLS} === 24 && window.studio.structure.has([0, 1, 5])"));
     let repair = middle(&mut browser, ".repair.first");
     browser.click(repair.0, repair.1);
     browser.until(&format!("{SETTLED} && window.studio.panel.answer.d === 0"));
@@ -67,18 +67,18 @@ fn the_same_with_the_keyboard_alone() {
     let since = Stopwatch::start();
     let Some(mut browser) = open(&view, None) else { return };
     enter(&mut browser);
-    browser.until(&format!("{SETTLED} && {CELLS} === 16"));
+    browser.until(&format!("{SETTLED} && {CELLS} === 23"));
     // The cursor begins in the middle of the highest layer.
     for key in ["ArrowUp", "ArrowUp", "PageUp"] {
         browser.press(key);
     }
     enter(&mut browser);
-    browser.until(&format!("{SETTLED} && {CELLS} === 17"));
-    assert_eq!(browser.evaluate("window.studio.structure.has([0, 1, 3])"), json!(true));
+    browser.until(&format!("{SETTLED} && {CELLS} === 24"));
+    assert_eq!(browser.evaluate("window.studio.structure.has([0, 1, 5])"), json!(true));
     browser.press("Delete");
-    browser.until(&format!("{SETTLED} && {CELLS} === 16"));
+    browser.until(&format!("{SETTLED} && {CELLS} === 23"));
     browser.press("z");
-    browser.until(&format!("{SETTLED} && {CELLS} === 17"));
+    browser.until(&format!("{SETTLED} && {CELLS} === 24"));
     browser.press("r");
     browser.until(&format!("{SETTLED} && window.studio.panel.answer.d === 0"));
     browser.press("g");
@@ -96,16 +96,16 @@ fn the_same_by_touch_on_a_small_screen() {
     assert!(wide <= 375, "{wide} pixels");
     let chair = middle(&mut browser, ".card");
     browser.tap(chair);
-    browser.until(&format!("{SETTLED} && {CELLS} === 16"));
-    let face = spot(&mut browser, [0.0, 1.0, 2.5]);
+    browser.until(&format!("{SETTLED} && {CELLS} === 23"));
+    let face = spot(&mut browser, [0.0, -1.0, 2.5]);
     browser.tap(face);
-    browser.until(&format!("{SETTLED} && {CELLS} === 17 && window.studio.structure.has([0, 1, 3])"));
+    browser.until(&format!("{SETTLED} && {CELLS} === 24 && window.studio.structure.has([0, -1, 3])"));
     // Two fingers turn the picture, and draw nothing.
     let before = browser.evaluate("window.studio.space.camera.position.toArray()");
     let fingers = |step: i32| [0.0, 100.0].map(|x| (100.0 + x + f64::from(step) * 8.0, 200.0 + x * 0.4));
     browser.swipe(&[0, 1, 2, 3, 4, 5].map(fingers));
     assert_ne!(browser.evaluate("window.studio.space.camera.position.toArray()"), before);
-    assert_eq!(number(&mut browser, CELLS), 17);
+    assert_eq!(number(&mut browser, CELLS), 24);
     let repair = middle(&mut browser, ".repair.first");
     browser.tap(repair);
     browser.until(&format!("{SETTLED} && window.studio.panel.answer.d === 0"));

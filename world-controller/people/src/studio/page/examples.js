@@ -9,7 +9,7 @@ export const EXAMPLES = [
   {
     name: "chair",
     about: "four legs, a seat and a back",
-    cells: [[0, 0, 0], [2, 0, 0], [0, 2, 0], [2, 2, 0], ...box([0, 0, 1], [2, 2, 1]), ...box([0, 2, 2], [2, 2, 2])],
+    cells: [...[[0, 0], [2, 0], [0, 2], [2, 2]].flatMap(([x, y]) => box([x, y, 0], [x, y, 1])), ...box([0, 0, 2], [2, 2, 2]), ...box([0, 2, 3], [2, 2, 4])],
   },
   {
     name: "table",

@@ -29,6 +29,8 @@ export class Panel {
     this.answer = null;
     /** The pins that are to be given up so that more cubes have a partner. */
     this.costly = [];
+    /** Whether a family can build the drawing, and why not. */
+    [this.can, this.why] = [false, ""];
   }
 
   /** The drawing has changed, and the answer is about an older one. */
@@ -88,12 +90,13 @@ export class Panel {
 
   repairs(repairs, answer) {
     const ghost = (repair) => () => this.page.mark(repair ? effectOf(repair) : {});
-    this.list = repairs;
+    // What is drawn symmetrically is meant so: the repair that keeps the symmetry comes first, though another may cost less.
+    this.list = [...repairs].sort((a, b) => Number(b.choice === "symmetric") - Number(a.choice === "symmetric"));
     const row = (repair, i) =>
       make("button", { type: "button", className: i ? "repair" : "repair first", onclick: () => this.page.repair(i), onmouseenter: ghost(repair), onfocus: ghost(repair), onmouseleave: ghost(null), onblur: ghost(null), title: `cost ${repair.cost}${repair.cheapest === "proven" ? ", the least" : ""}${i ? "" : " (R)"}` }, repairText(repair));
     const pins = this.costly.length ? [this.giveUp(answer)] : [];
     const note = answer.complete === false ? [make("p", { className: "soft" }, "The search was ended after 2 s; there may be more.")] : [];
-    this.get("repairs").replaceChildren(...repairs.map(row), ...pins, ...note);
+    this.get("repairs").replaceChildren(...this.list.map(row), ...pins, ...note);
     this.get("repair-section").hidden = !repairs.length && !pins.length && !note.length;
   }
 
@@ -112,9 +115,19 @@ export class Panel {
     select.replaceChildren(...(families ?? []).map((f) => make("option", { value: f.name, disabled: !f.can }, f.can ? `${f.name}s` : `${f.name}s (cannot)`)));
     const can = (families ?? []).filter((f) => f.can).map((f) => f.name);
     if (can.length) select.value = can.includes(before) ? before : can[0];
-    this.get("start").disabled = !can.length || this.page.going;
+    this.get("family-label").hidden = !families?.length;
     const why = (families ?? []).filter((f) => !f.can).map((f) => `${f.name}s: ${f.why}`);
-    this.get("cannot").textContent = families ? why.join("\n") : "A swarm can build a drawing in one part.";
+    this.get("cannot").textContent = why.join("\n");
+    this.startable(can.length > 0, families ? why.join("\n") : this.answer?.parts > 1 ? "A swarm builds a drawing in one part." : "");
+  }
+
+  /** Whether a swarm can be started; if not, why stands below the button. */
+  startable(can = this.can, why = this.why) {
+    [this.can, this.why] = [can, why];
+    const reason = this.page.going ? "Another run is in progress: stop it first." : can ? "" : why || "Nothing is drawn yet.";
+    this.get("start").disabled = Boolean(reason);
+    this.get("start-why").textContent = reason;
+    this.get("start-why").hidden = !reason;
   }
 
   numbers() {

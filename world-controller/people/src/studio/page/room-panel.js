@@ -62,7 +62,7 @@ export class RoomPanel {
     if (!room) return;
     delete this.get("room-verdict").dataset.pending;
     const hard = room.violations.some((v) => !v.wish);
-    const why = hard ? "the room violates a constraint" : !room.pieces.length ? "the room has no piece" : !room.store ? "the room has no store" : this.page.studio.going ? "a run goes on" : "";
+    const why = hard ? "the room violates a constraint" : !room.pieces.length ? "the room has no piece" : !room.store ? "the room has no store" : this.page.studio.going ? "a run is in progress" : "";
     this.get("room-start").disabled = why !== "";
     this.get("room-start").title = why || "start the swarm that builds it (G)";
     this.get("room-why").textContent = why;

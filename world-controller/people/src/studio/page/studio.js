@@ -52,7 +52,11 @@ class Studio {
   }
 
   async begin() {
-    this.setTheme(localStorage.getItem("theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
+    const system = matchMedia("(prefers-color-scheme: dark)");
+    // The system decides until the user does.
+    const follow = () => this.setTheme(localStorage.getItem("theme") ?? (system.matches ? "dark" : "light"));
+    system.addEventListener("change", follow);
+    follow();
     const first = await this.server.post("begin");
     if (first.result !== "done") {
       this.note(`${first.why}: the drawing cannot be paired or started`);
@@ -210,11 +214,12 @@ class Studio {
     this.space.redraw();
   }
   nextTheme() {
-    this.setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
+    const next = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
+    localStorage.setItem("theme", next);
+    this.setTheme(next);
   }
   setTheme(theme) {
     document.documentElement.dataset.theme = theme;
-    localStorage.setItem("theme", theme);
     this.space.theme();
     this.layer.ask();
   }
@@ -446,7 +451,7 @@ class Studio {
     this.remember();
     const answer = await this.server.post("start", this.request());
     if (answer.result === "done") return this.showRun({ run: answer.run });
-    $("start").disabled = false;
+    this.panel.startable();
     this.note(answer.why);
   }
   showRun({ run }) {
@@ -471,7 +476,7 @@ class Studio {
       $("run").dataset.modules = String(run.modules);
       if (!run.going) {
         this.going = false;
-        $("start").disabled = !$("family").value;
+        this.panel.startable();
         this.room.panel.settled();
         return;
       }
@@ -483,7 +488,7 @@ class Studio {
     if (!this.room.isOpen) $("space").focus();
     $("note").hidden = true;
     if (!this.going) return;
-    this.note("the run goes on");
+    this.note("the run is in progress");
     const show = make("button", { type: "button", className: "link", onclick: () => { $("run").hidden = false; this.note(""); } }, "show it");
     $("note").append(" ", show);
   }
