@@ -4,7 +4,7 @@
 # Without PROGRAM, a release build of this clone is packed. Packages are written to target/packages, and each is tried
 # before it is done: unpacked somewhere else, and started from / with nothing but itself in PATH.
 #
-#   tarball   metamorph-VERSION-ARCH.tar.gz: program, man pages, completions, licences
+#   tarball   metamorph-VERSION-ARCH.tar.gz: program, man pages, completions, licences of all parts
 #   deb       metamorph_VERSION_ARCH.deb, by dpkg-deb
 #   image     metamorph-VERSION-ARCH.oci.tar, by mmdebstrap and buildah; no engine, and nothing is pulled
 #   wheel     the Python package with the program in it, by pip
@@ -59,7 +59,7 @@ lay_out() {
     "$usr/bin/metamorph" completions zsh >"$usr/share/zsh/vendor-completions/_metamorph"
     "$usr/bin/metamorph" completions fish >"$usr/share/fish/vendor_completions.d/metamorph.fish"
     install -d "$usr/share/doc/metamorph"
-    install -m 644 LICENSE-MIT LICENSE-APACHE "$usr/share/doc/metamorph"
+    install -m 644 LICENSE-MIT LICENSE-APACHE world-controller/cli/third-party.txt "$usr/share/doc/metamorph"
     gzip -9 -n <CHANGELOG.md >"$usr/share/doc/metamorph/NEWS.gz"
     chmod -R go=rX "$usr"
     find "$usr" -type f ! -path '*/bin/*' -exec chmod 644 {} +
@@ -95,7 +95,7 @@ deb() {
     # The variables are those of Debian's tools.
     local maintainer="${DEBFULLNAME:-Metamorph} <${DEBEMAIL:-metamorph@localhost}>" glibc
     lay_out "$root/usr"
-    cat LICENSE-MIT >"$root/usr/share/doc/metamorph/copyright"
+    "$program" licences >"$root/usr/share/doc/metamorph/copyright"
     printf 'metamorph (%s) unstable; urgency=medium\n\n  * See NEWS.gz.\n\n -- %s  %s\n' \
         "$version" "$maintainer" "$(date -R -u --date="@$SOURCE_DATE_EPOCH")" |
         gzip -9 -n >"$root/usr/share/doc/metamorph/changelog.gz"

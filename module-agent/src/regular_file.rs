@@ -13,11 +13,22 @@ use std::path::Path;
 /// If the file cannot be opened, or is not a regular one.
 pub fn open(path: &Path) -> io::Result<File> {
     // Checked before the open too, because opening a device may have effects.
-    must_be_regular(fs::metadata(path)?.file_type())?;
+    must_be_regular(fs::metadata(path).map_err(plain)?.file_type())?;
     let flags = OFlags::RDONLY | OFlags::CLOEXEC | OFlags::NONBLOCK | OFlags::NOCTTY;
-    let file = File::from(rustix::fs::open(path, flags, Mode::empty())?);
+    let file = File::from(rustix::fs::open(path, flags, Mode::empty()).map_err(|error| plain(error.into()))?);
     must_be_regular(file.metadata()?.file_type())?;
     Ok(file)
+}
+
+/// Returns the error with a text for those who do not know the names of the operating system's errors.
+fn plain(error: io::Error) -> io::Error {
+    let text = match error.kind() {
+        io::ErrorKind::NotFound => "there is no such file",
+        io::ErrorKind::NotADirectory => "there is no such file, since a part of its path is no directory",
+        io::ErrorKind::PermissionDenied => "this user may not read it",
+        _ => return error,
+    };
+    io::Error::new(error.kind(), text)
 }
 
 /// Reads a regular file of at most `most` bytes.
@@ -76,6 +87,12 @@ mod tests {
         }
         assert_eq!(read(&file, 5).unwrap(), b"12345");
         assert!(read(&file, 4).unwrap_err().to_string().contains("longer than 4 bytes"));
-        assert_eq!(open(&dir.path().join("none")).unwrap_err().kind(), io::ErrorKind::NotFound);
+        for (path, kind) in [("none", io::ErrorKind::NotFound), ("f/none", io::ErrorKind::NotADirectory)] {
+            let error = open(&dir.path().join(path)).unwrap_err();
+            assert!(
+                error.kind() == kind && error.to_string().starts_with("there is no such file"),
+                "{error}"
+            );
+        }
     }
 }

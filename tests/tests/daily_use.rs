@@ -6,7 +6,9 @@ use metamorph_tests::required::{Check, skip};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::fs;
+use std::io::Write;
 use std::path::Path;
+use std::process::Stdio;
 
 /// Runs a command in a directory.
 fn within(directory: &Path, args: &[&str]) -> Ran {
@@ -463,4 +465,107 @@ fn colours_are_chosen() {
     }
     has_colour(&["--color", "never", "render", "swarm", "--color", "level", "--out", "a.svg"]);
     assert_eq!(within(directory.path(), &["run", "swarm", "--color", "blue"]).code, Some(2));
+}
+
+/// A scenario is changed by the same options wherever it is simulated, and a sweep says how to repeat one of its runs.
+#[test]
+fn options_of_a_scenario_are_the_same_everywhere() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |args: &[&str]| within(directory.path(), args);
+    let changes = [
+        ["--partition", "3,4@1s..2s"],
+        ["--kill", "5@1s"],
+        ["--restart", "5@3s"],
+        ["--loss", "2%"],
+        ["--delay", "20ms"],
+        ["--dup", "1%"],
+        ["--reorder", "1%"],
+        ["--rescue", "off"],
+        ["--set", "stop.timeout=2000s"],
+    ]
+    .concat();
+    let run = |seed| {
+        [&["run", "swarm", "--link", "sim", "--quiet", "--json", "-", "--seed", seed][..], &changes].concat()
+    };
+    let ran = json(&at(&run("1")));
+    let faults: Vec<&str> =
+        ran["faults"].as_array().unwrap().iter().filter_map(|fault| fault["fault"].as_str()).collect();
+    assert!(["partition", "heal", "kill", "restart"].iter().all(|name| faults.contains(name)), "{faults:?}");
+    let swept = at(&[&["sweep", "swarm", "--seeds", "0..2", "--out", "results"][..], &changes].concat());
+    assert_eq!(swept.code, Some(0), "{swept:?}");
+    let rows = fs::read_to_string(directory.path().join("results/runs.csv")).unwrap();
+    assert!(rows.contains(ran["trace_hash"].as_str().unwrap()), "{rows}");
+    let other = at(&["sweep", "swarm", "--seeds", "0..2", "--out", "results", "--resume"]);
+    assert!(other.code == Some(2) && other.err.contains("--partition 3,4@1s..2s"), "{other:?}");
+    let drawn =
+        at(&[&["render", "swarm", "--at", "2500ms", "--quiet", "--out", "a.svg"][..], &changes].concat());
+    assert_eq!(drawn.code, Some(0), "{drawn:?}");
+    let figure = fs::read_to_string(directory.path().join("a.svg")).unwrap();
+    assert!(
+        figure.contains("--partition 3,4@1s..2s") && figure.contains("--loss 2%"),
+        "the figure says how it was made"
+    );
+    at(&["run", "swarm", "--link", "sim", "--quiet", "--journal", "a.journal"]);
+    for command in ["render", "view"] {
+        for option in [["--rescue", "off"], ["--partition", "3@1s..2s"]] {
+            let refused = at(&[
+                &[command, "a.journal", "--out", "b.svg"][..if command == "view" { 2 } else { 4 }],
+                &option,
+            ]
+            .concat());
+            assert!(refused.code == Some(2) && refused.err.contains(option[0]), "{refused:?}");
+        }
+    }
+    for wrong in ["3", "x@1s..2s", "3@1s", "3@2s..1s", "42@1s..2s", "@1s..2s"] {
+        let refused = at(&["check", "swarm", "--partition", wrong]);
+        assert!(refused.code == Some(2) && refused.err.contains("--partition"), "{wrong}: {refused:?}");
+    }
+}
+
+/// `-` is standard input, which may be JSON; a path where nothing is is called missing by every command.
+#[test]
+fn standard_input_is_read_and_missing_files_are_called_missing() {
+    let directory = tempfile::tempdir().unwrap();
+    let text = r#"{ "version": 1, "swarm": { "start": { "box": { "min": [0, 0, 0], "max": [5, 4, 0] } } },
+                    "goal": [{ "shape": { "box": { "min": [1, 1, 0], "max": [3, 3, 1] } } }] }"#;
+    for args in [
+        &["run", "-", "--link", "sim"][..],
+        &["check", "-"],
+        &["sweep", "-", "--seeds", "0..2"],
+        &["render", "-", "--at", "1s"],
+    ] {
+        let mut running = command(args)
+            .current_dir(directory.path())
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        running.stdin.take().unwrap().write_all(text.as_bytes()).unwrap();
+        let output = running.wait_with_output().unwrap();
+        assert!(output.status.success() && !output.stdout.is_empty(), "{args:?}: {output:?}");
+    }
+    let missing = "there is no such file";
+    for args in [
+        &["run", "none.toml"][..],
+        &["check", "none/none.toml"],
+        &["view", "none"],
+        &["view", "none.journal"],
+        &["render", "none"],
+        &["export", "none.journal", "--csv", "out"],
+        &["replay", "none.journal"],
+        &["resume", "none.journal"],
+        &["diff", "none", "none"],
+        &["shape", "none.stl"],
+        &["plan", "--from", "none.json", "--to", "loop:3x3"],
+        &["structure", "none.json"],
+        &["room", "none.toml"],
+        &["studio", "none.toml"],
+        &["run", "swarm", "--hosts", "none.toml"],
+    ] {
+        let refused = within(directory.path(), args);
+        assert!(refused.code != Some(0) && refused.err.contains(missing), "{args:?}: {refused:?}");
+        assert!(!refused.err.contains("os error"), "{args:?}: {refused:?}");
+    }
+    let refused = within(directory.path(), &["run", "swarm", "--link", "sim", "--json", "none/a.json"]);
+    assert!(refused.err.contains("its directory does not exist"), "{refused:?}");
 }

@@ -50,13 +50,10 @@ const EXCEPTIONS: [(&str, &str); 27] = [
     ("metamorph render run.journal --at 12s --camera", "a journal of the reader"),
     ("metamorph resume", "needs a controller that was killed; tests/tests/resume.rs kills one"),
     ("metamorph sweep swarm --seeds 0..1000", "runs for minutes in a debug build"),
-    ("metamorph sweep deploy/scenarios/swarm.toml --seeds 0..1000", "runs for minutes in a debug build"),
+    ("metamorph sweep swarm --seeds 0..1000", "runs for minutes in a debug build"),
     ("metamorph reproduce", "runs for minutes in a debug build"),
     ("metamorph explore --seconds 60", "runs for a minute"),
-    (
-        "metamorph render deploy/scenarios/slab-to-sphere.toml",
-        "runs for long in a debug build; tests/tests/render.rs draws it",
-    ),
+    ("metamorph render slab-to-sphere", "runs for long in a debug build; tests/tests/render.rs draws it"),
     (
         "metamorph doctor --modules 1058",
         "fails where the machine is too small; tests/tests/daily_use.rs runs it",

@@ -45,6 +45,7 @@ mod page_files;
 mod planned;
 mod planning;
 mod portable;
+mod publishing;
 mod render;
 mod replay_matrix;
 mod reproduce;

@@ -1,7 +1,7 @@
 //! Figures of runs: their structure, the same bytes on every run, sections, cameras, moving pictures, and errors.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
-use metamorph_tests::command::{command, run, scenario};
+use metamorph_tests::command::{Ran, command, run, scenario};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
@@ -311,7 +311,7 @@ fn errors_say_what_to_do_and_leave_no_file() {
             &["--color", "level", "--only", "modules=41", "--at", "0s"],
             "--color level: no drawn module has one",
         ),
-        ("a.svg", &["--every", "1s"], "--every: a file that ends in .svg or .png shows one moment"),
+        ("a.svg", &["--every", "1s"], "--every: a file that ends in .svg, .pdf or .png shows one moment"),
         ("a.gif", &[], "a moving picture needs the time from one frame to the next"),
         ("a.gif", &["--every", "1s", "--theme", "transparent"], "moving pictures have a background"),
         ("a.gif", &["--every", "1ms"], "are more than 3000"),
@@ -408,4 +408,36 @@ fn the_pictures_of_the_pages_are_made_by_render() {
             scope.spawn(|| part.into_iter().for_each(|(_, line)| check(line)));
         }
     });
+}
+
+/// A page holds the vectors of the figure, and says how it was made. A page of others is not replaced.
+#[test]
+fn figures_become_pages() {
+    let page = figure(SWARM, "a.pdf", &["--at", "2s", "--title", "a title"]);
+    assert!(
+        page.starts_with(b"%PDF-") && page == figure(SWARM, "a.pdf", &["--at", "2s", "--title", "a title"])
+    );
+    let text = String::from_utf8_lossy(&page);
+    assert!(text.contains("/Creator (metamorph)") && text.contains("--at 2s"), "{text}");
+    let directory = tempfile::tempdir().unwrap();
+    let thesis = directory.path().join("thesis.pdf");
+    fs::write(&thesis, "%PDF-1.4\nmine").unwrap();
+    let refused = run(&["render", SWARM, "--at", "2s", "--out", thesis.to_str().unwrap()]);
+    assert!(refused.code == Some(2) && fs::read(&thesis).unwrap().ends_with(b"mine"), "{refused:?}");
+}
+
+/// Films are made by ffmpeg; without it, the error names it.
+#[test]
+fn films_are_made_where_ffmpeg_is() {
+    let directory = tempfile::tempdir().unwrap();
+    let film = directory.path().join("a.mp4");
+    let words = ["render", SWARM, "--every", "2s", "--quiet", "--out", film.to_str().unwrap()];
+    let without: Ran = command(&words).env("PATH", "/nonexistent").output().unwrap().into();
+    assert!(without.code == Some(2) && without.err.contains("apt install ffmpeg"), "{without:?}");
+    assert!(!film.exists());
+    let Ran { code, err, .. } = run(&words);
+    match code {
+        Some(0) => assert_eq!(fs::read(&film).unwrap().get(4..8), Some(&b"ftyp"[..])),
+        _ => assert!(err.contains("ffmpeg"), "{err}"),
+    }
 }

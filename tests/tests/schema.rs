@@ -7,12 +7,14 @@ use metamorph_tests::json_schema::Schema;
 use metamorph_world_controller::family::families;
 use metamorph_world_controller::family::read_text;
 use metamorph_world_controller::scenario::error::ScenarioError;
+use metamorph_world_controller::scenario::plan_summary::overview;
 use metamorph_world_controller::scenario::schema::schema;
 use metamorph_world_controller::scenario::settings::Setting;
 use metamorph_world_controller::scenario::{LinkKind, Overrides};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::fs;
+use std::path::Path;
 
 /// Every table that cubes can have.
 const CUBES: &str = r#"
@@ -223,6 +225,44 @@ fn errors_of(text: &str, setting: &str) -> Vec<ScenarioError> {
     read.err().map_or_else(Vec::new, |diagnostics| {
         diagnostics.list().iter().map(|p| p.scenario_error.clone()).collect()
     })
+}
+
+/// The schema says that it holds for JSON: every shipped scenario runs from JSON as from TOML, and errors point into the JSON.
+#[test]
+fn scenarios_are_read_from_json() {
+    let read = |path: &Path, text: &str| read_text(&path.display().to_string(), text, &overrides("seed=3"));
+    for path in scenarios() {
+        let text = fs::read_to_string(&path).unwrap();
+        let json = format!(" \n{:#}\n", document(&text, None));
+        let plans = [text.as_str(), &json].map(|text| read(&path, text).unwrap_or_else(|e| panic!("{e}")));
+        let [toml, json] = plans.map(|plan| overview(&plan));
+        assert_eq!(toml, json, "{}", path.display());
+    }
+    for (text, place, part) in [
+        ("{\"version\": 1,\n \"swarm\": {\"start\": 5}}", ":2:21", "start"),
+        ("{\"version\": 1,\n \"name\": null}", ":2:10", "this is not JSON"),
+        ("{\"version\": 1,\n \"name\": \"a:b\", \"nam\": 1}", ":2:17", "unknown key `nam`"),
+        ("{\"version\": 1", "a.json:1", "this is not JSON"),
+    ] {
+        let said = read(Path::new("a.json"), text).unwrap_err().to_string();
+        assert!(said.contains(place) && said.contains(part), "{text}: {said}");
+    }
+}
+
+/// Every key says what it means: `new`, editors and the reference show it.
+#[test]
+fn every_key_of_a_scenario_is_described() {
+    let schema = serde_json::to_value(schema(families())).unwrap();
+    let (root, tables) = ("scenario".to_owned(), schema["$defs"].as_object().unwrap().iter());
+    let mut silent = Vec::new();
+    for (name, table) in tables.chain([(&root, &schema)]) {
+        for (key, value) in table["properties"].as_object().into_iter().flatten() {
+            if value["description"].as_str().is_none_or(str::is_empty) {
+                silent.push(format!("{name}.{key}"));
+            }
+        }
+    }
+    assert!(silent.is_empty(), "no description: {silent:?}");
 }
 
 /// Converts TOML to the same values in JSON, with a value put into it.

@@ -13,6 +13,12 @@ mod sweep;
 
 use pyo3::prelude::*;
 
+/// The commit that the extension is built from; empty outside of a repository.
+const COMMIT: &str = git_version::git_version!(
+    args = ["--always", "--exclude=*", "--abbrev=12", "--dirty=.changed"],
+    fallback = ""
+);
+
 /// Simulated runs of swarms of self-reconfigurable modular robots.
 #[pymodule]
 mod _metamorph {
@@ -33,6 +39,7 @@ mod _metamorph {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        metamorph_world_controller::console::version::set_commit(super::COMMIT);
         // The families are in use already if the module was imported before.
         let _ = metamorph_world_controller::family::install(&[&super::protocol::family::PythonFamily]);
         module.add("VERSION", env!("CARGO_PKG_VERSION"))

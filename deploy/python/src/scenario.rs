@@ -39,6 +39,21 @@ fn invalid(py: Python<'_>, diagnostics: &Diagnostics, text: &str) -> PyErr {
     raise(py, "ScenarioError", (diagnostics.to_string(), problems))
 }
 
+/// Returns the overrides of a simulated run with faults such as `kill 7@2s`. Python has checked their verbs.
+pub fn with_faults(faults: &[String]) -> Overrides {
+    let mut overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
+    for (verb, target) in faults.iter().filter_map(|fault| fault.split_once(' ')) {
+        let of_verb = match verb {
+            "kill" => &mut overrides.kill,
+            "pause" => &mut overrides.pause,
+            "restart" => &mut overrides.restart,
+            _ => &mut overrides.partition,
+        };
+        of_verb.push(target.trim().to_owned());
+    }
+    overrides
+}
+
 /// A scenario with a seed, checked.
 #[pyclass(frozen, module = "metamorph._metamorph")]
 pub struct Plan {
@@ -48,26 +63,22 @@ pub struct Plan {
 #[pymethods]
 impl Plan {
     /// Reads the text of a scenario; `origin` names it in errors, and shapes are read from files beside it.
-    /// `settings` are `KEY=VALUE`; `protocol` is that of a scenario of the family `python`.
+    /// `settings` are `KEY=VALUE`, `faults` such as `kill 7@2s`; `protocol` is that of a scenario of the family `python`.
     #[new]
-    #[pyo3(signature = (origin, text, settings, seed, kill, pause, restart, protocol))]
-    #[allow(clippy::too_many_arguments, reason = "called from one place in Python, by name")]
+    #[pyo3(signature = (origin, text, settings, faults, seed, protocol))]
     fn new(
         py: Python<'_>,
         origin: &str,
         text: &str,
         settings: Vec<String>,
+        faults: Vec<String>,
         seed: Option<u64>,
-        kill: Vec<String>,
-        pause: Vec<String>,
-        restart: Vec<String>,
         protocol: Option<&Protocol>,
     ) -> PyResult<Plan> {
         // The interpreter is held until the text is read.
         let _reading = protocol.map(|protocol| protocol.spec.reading());
         let settings = settings.into_iter().map(|text| Setting { option: "set", text }).collect();
-        let overrides =
-            Overrides { link: LinkKind::Sim, settings, seed, kill, pause, restart, ..Overrides::default() };
+        let overrides = Overrides { settings, seed, ..with_faults(&faults) };
         let read = read_text(origin, text, &overrides);
         protocol.map_or(Ok(()), |protocol| protocol.spec.check(py))?;
         match read {

@@ -2,7 +2,7 @@
 
 use crate::protocol::Protocol;
 use crate::protocol::spec::Spec;
-use crate::scenario::raise;
+use crate::scenario::{raise, with_faults};
 use metamorph_world_controller::console::interrupt::Interrupt;
 use metamorph_world_controller::console::stopwatch::Stopwatch;
 use metamorph_world_controller::experiments::sweep::grid::{Axis, Grid, Seeds};
@@ -34,22 +34,24 @@ pub fn manifest(
     py: Python<'_>,
     origin: &str,
     text: &str,
+    faults: Vec<String>,
     seeds: (u64, u64),
     vary: Vec<(String, Vec<String>)>,
 ) -> PyResult<String> {
-    Ok(Manifest::new(origin, text, &grid(py, seeds, vary)?).text())
+    Ok(Manifest::new(origin, text, with_faults(&faults).options(), &grid(py, seeds, vary)?).text())
 }
 
 /// Simulates every combination with every seed, and returns the runs as `runs.csv` has them. `vary` are the keys and
 /// their values, `progress` is called with the numbers of runs done and to do, at most ten times a second. With a
 /// `protocol`, this must be the only work of the process.
 #[pyfunction]
-#[pyo3(signature = (origin, text, seeds, vary, jobs, progress, protocol))]
+#[pyo3(signature = (origin, text, faults, seeds, vary, jobs, progress, protocol))]
 #[allow(clippy::too_many_arguments, reason = "called from one place in Python")]
 pub fn sweep(
     py: Python<'_>,
     origin: String,
     text: String,
+    faults: Vec<String>,
     seeds: (u64, u64),
     vary: Vec<(String, Vec<String>)>,
     jobs: NonZeroUsize,
@@ -57,7 +59,7 @@ pub fn sweep(
     protocol: Option<&Protocol>,
 ) -> PyResult<String> {
     let grid = grid(py, seeds, vary)?;
-    let scenario = Scenario { origin, text };
+    let scenario = Scenario { origin, text, overrides: with_faults(&faults) };
     let spec = protocol.map(|protocol| Arc::clone(&protocol.spec));
     let _reading = spec.as_ref().map(Spec::reading);
     let check = |py: Python<'_>| spec.as_ref().map_or(Ok(()), |spec| spec.check(py));

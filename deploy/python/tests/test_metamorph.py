@@ -182,9 +182,17 @@ def test_processes_run_by_the_program() -> None:
 def test_faults_are_objects_or_text() -> None:
     assert mm.Fault.kill(7, at="2s") == "kill 7@2000000000ns" and mm.Fault.resume(3) == "resume 3"
     assert mm.Fault.pause(1, at=1, until="2s") == "pause 1@1000000000ns..2000000000ns"
-    objects = mm.run(SWARM, faults=[mm.Fault.kill(7, at="1s"), mm.Fault.restart(7, at="3s"), mm.Fault.pause(2, "1s", "2s")])
-    texts = mm.run(SWARM, faults=["kill 7@1s", "restart 7@3s", "pause 2@1s..2s"])
-    assert objects.trace_hash == texts.trace_hash
+    cut = mm.Fault.partition_of([3, 4], "1s", "2s")
+    objects = mm.run(SWARM, faults=[mm.Fault.kill(7, at="1s"), mm.Fault.restart(7, at="3s"), mm.Fault.pause(2, "1s", "2s"), cut])
+    words = ["kill 7@1s", "restart 7@3s", "pause 2@1s..2s", "partition 3,4@1s..2s"]
+    texts = mm.run(SWARM, faults=words)
+    assert objects.trace_hash == texts.trace_hash and "partition" in list(texts.fault_table["fault"])
+    # A sweep has them, too.
+    faulty = mm.Scenario.load(SWARM)
+    for word in words:
+        faulty = faulty.with_fault(word)
+    swept = mm.sweep(faulty, seeds=range(1, 3))
+    assert texts.trace_hash in list(swept.runs["trace_hash"])
     sim = mm.Simulation(SWARM)
     sim.advance("1s")
     for fault in (mm.Fault.kill(3), mm.Fault.stick(4)):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import struct
 import subprocess
 from collections import Counter
 from pathlib import Path
@@ -50,6 +51,20 @@ def test_a_recording_is_read_with_the_messages_of_ros_2(
     frames = [message for topic, message in messages if topic == "/tf"][-1].transforms
     places = {f.child_frame_id: (f.transform.translation.x, f.transform.translation.z) for f in frames}
     assert {(m.ns, m.pose.position.x, m.pose.position.z) for m in last.markers} == {(n, *p) for n, p in places.items()}
+    cloud = [message for topic, message in messages if topic == "/cloud"][-1]
+    assert (cloud.width, cloud.height, len(cloud.data)) == (42, 1, cloud.row_step)
+    points = [struct.unpack_from("<fffII", bytes(cloud.data), i * cloud.point_step) for i in range(42)]
+    assert {(f"module_{n}", round(x, 3), round(z, 3)) for x, _, z, _, n in points} == {(n, *p) for n, p in places.items()}
+
+
+def test_rerun_draws_the_recording(tmp_path: Path) -> None:
+    program = shutil.which("rerun")
+    if not program:
+        pytest.skip("rerun is not installed (pip install rerun-sdk)")
+    export(tmp_path, "--mcap", "run.mcap", "--schema", "ros2")
+    subprocess.run([program, "mcap", "convert", "run.mcap", "-o", "run.rrd"], check=True, cwd=tmp_path)
+    said = subprocess.run([program, "rrd", "print", "run.rrd"], check=True, cwd=tmp_path, capture_output=True, text=True).stdout
+    assert re.search(r"/cloud .*Points3D:positions", said) and re.search(r"/tf .*Transform3D:translation", said)
 
 
 def test_a_structure_is_read_as_urdf(

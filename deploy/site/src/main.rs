@@ -1,7 +1,7 @@
 //! The program that makes generated pages and the site.
 
 use clap::{Parser, Subcommand};
-use metamorph_site::{generate, root};
+use metamorph_site::{generate, notices, root};
 use std::error::Error;
 #[cfg(feature = "book")]
 use std::path::PathBuf;
@@ -21,6 +21,8 @@ struct CommandLine {
 enum Command {
     /// Write the pages of docs/ that are made from the program, and the generated parts of other pages
     Generate,
+    /// Write the licences of the crates that are in the program; cargo may download crates of links between machines
+    Notices,
     /// Build the site into a directory, which is replaced
     #[cfg(feature = "book")]
     Build {
@@ -35,6 +37,7 @@ enum Command {
 fn main() -> Result<(), Box<dyn Error>> {
     match CommandLine::parse().command {
         Command::Generate => generate(&root())?,
+        Command::Notices => std::fs::write(root().join(notices::PATH), notices::text(&root())?)?,
         #[cfg(feature = "book")]
         Command::Build { directory, repository } => {
             metamorph_site::book::build(&root(), &std::path::absolute(directory)?, repository.as_deref())?;

@@ -171,7 +171,7 @@ pub fn bench(request: &Request) -> Result<u8, BenchError> {
     let mut results = Results {
         format: "metamorph-bench",
         schema: SCHEMA,
-        version: env!("CARGO_PKG_VERSION"),
+        version: metamorph_text::version::version(),
         machine: Machine::this(),
         flood: Vec::new(),
         growth: None,

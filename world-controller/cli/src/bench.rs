@@ -8,9 +8,9 @@ use std::path::PathBuf;
 /// Examples for the help.
 const EXAMPLES: &str = "\
 Examples:
-  metamorph bench                            everything; takes several minutes
-  metamorph bench flood wire                 the simulated and the process link, message by message
-  metamorph bench growth --most 2500         sizes of up to 2,500 modules
+  metamorph bench                      everything; takes several minutes
+  metamorph bench flood wire           the simulated and the process link, message by message
+  metamorph bench growth --most 2500   sizes of up to 2,500 modules
   metamorph bench --quiet --json new.json && jq .flood new.json
 
 What each measures:

@@ -12,9 +12,9 @@ use metamorph_text::command_error::Failure;
 /// Examples for the help.
 const EXAMPLES: &str = "\
 Examples:
-  metamorph check deploy/scenarios/swarm.toml
-  metamorph check deploy/scenarios/swarm.toml --link sim --kill 3@2s
-  metamorph check deploy/scenarios/swarm.toml --hosts 3
+  metamorph check swarm
+  metamorph check swarm --link sim --kill 3@2s
+  metamorph check swarm --hosts 3
 
 The same options as for `run` are checked together with the scenario. Nothing is run.
 

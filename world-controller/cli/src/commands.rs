@@ -2,12 +2,12 @@
 
 use crate::exit_codes::{EXIT_CODES, JOURNAL_EXIT_CODES};
 use crate::{
-    agent, bench, check, clean, diff, doctor, explore, export, host, learn, new, plan, reference, render,
-    replay, reproduce, resume, robot, run, scenarios, shape, structure, sweep, view,
+    agent, bench, check, clean, diff, doctor, explore, export, host, learn, licences, new, plan, reference,
+    render, replay, reproduce, resume, robot, run, scenarios, shape, structure, sweep, view,
 };
 use clap::builder::EnumValueParser;
 use clap::{Arg, ArgAction, ArgMatches};
-use metamorph_console::command::{Call, Command, Group};
+use metamorph_console::command::{Call, Command, Group, unwrapped};
 use metamorph_console::terminal::ColorChoice;
 use metamorph_text::command_error::{BAD_USAGE, Failure};
 use std::sync::{Mutex, PoisonError};
@@ -40,6 +40,7 @@ const BUILT_IN: &[&dyn Command] = &[
     &reference::SCHEMA,
     &reference::COMPLETIONS,
     &reference::MAN,
+    &licences::COMMAND,
     &agent::COMMAND,
 ];
 
@@ -49,10 +50,10 @@ const FIRST: [&str; 6] = ["scenarios", "run", "view", "check", "new", "sweep"];
 /// The examples at the end of the help of the program.
 const EXAMPLES: &str = "\
 Examples:
-  metamorph run deploy/scenarios/swarm.toml              one process per module
-  metamorph run deploy/scenarios/swarm.toml --link sim   the same in virtual time, repeatable
-  metamorph check my.toml                                what would run, or what is wrong
-  metamorph clean                                        remove what killed runs left behind
+  metamorph run swarm              one process per module
+  metamorph run swarm --link sim   the same in virtual time, repeatable
+  metamorph check my.toml          what would run, or what is wrong
+  metamorph clean                  remove what killed runs left behind
 
 An output file appears at the end of a command, complete; it must not be another file that the command
 reads or writes. A file that is there is replaced if metamorph wrote it as the same kind of file, or with --force. If standard output cannot be written, the exit code is 1; a reader that closes it early
@@ -117,7 +118,7 @@ pub fn command_line() -> clap::Command {
     });
     let subcommands: Vec<clap::Command> = defined.collect();
     clap::Command::new("metamorph")
-        .version(env!("CARGO_PKG_VERSION"))
+        .version(metamorph_text::version::version())
         .about(
             "Runs swarms of self-reconfiguring modules: every module is a process, or all are simulated in virtual time",
         )
@@ -131,8 +132,8 @@ pub fn command_line() -> clap::Command {
             "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{}Options:\n{{options}}{{after-help}}",
             groups()
         ))
-        .after_help(EXAMPLES)
-        .after_long_help(format!("{EXAMPLES}\n\n{EXIT_CODES}{JOURNAL_EXIT_CODES}"))
+        .after_help(unwrapped(EXAMPLES))
+        .after_long_help(unwrapped(&format!("{EXAMPLES}\n\n{EXIT_CODES}{JOURNAL_EXIT_CODES}")))
 }
 
 /// Width of the list of commands in columns.

@@ -11,6 +11,8 @@ use metamorph_console::terminal::{self, ColorChoice, choose_color, note, print_e
 use metamorph_processes::{family, swarm};
 use metamorph_text::command_error::{BAD_USAGE, CommandError, FAILED, Failure};
 use metamorph_text::escape::Shown;
+use rustix::fs::Mode;
+use rustix::process::umask;
 use std::ffi::OsString;
 use std::io::Write;
 use std::path::Path;
@@ -31,9 +33,17 @@ struct NotRemoved(std::io::Error);
 
 impl CommandError for NotRemoved {}
 
+/// Lets files of this program be read, written and entered by their owner, whatever the umask: a directory that its owner may not
+/// enter could not be removed.
+fn keep_own_permissions() {
+    let before = umask(Mode::RWXU | Mode::RWXG | Mode::RWXO);
+    umask(before.difference(Mode::RWXU));
+}
+
 /// Executes the command given by the arguments (the first is the program's name).
 pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let since = Stopwatch::start();
+    keep_own_permissions();
     let args: Vec<OsString> = args.into_iter().collect();
     // Agents are started by the thousand: parsing the full command line costs each of them milliseconds, and
     // memory that it keeps.

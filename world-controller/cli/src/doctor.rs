@@ -212,12 +212,40 @@ fn limit_in(path: &Path) -> Option<u64> {
     }
 }
 
-/// Returns the smallest limit of this name in the control groups of this process, less what is used of it.
-fn group_limit(limit: &str, used: &str) -> Option<u64> {
-    let own = fs::read_to_string("/proc/self/cgroup").ok()?;
-    let own = own.lines().find_map(|line| line.strip_prefix("0::"))?;
-    let root = Path::new("/sys/fs/cgroup");
-    let mut group: PathBuf = root.join(own.trim_start_matches('/'));
+/// A limit of control groups.
+struct GroupLimit {
+    /// The controller of version 1 that has it, with its files for the limit and for what is used.
+    v1: (&'static str, &'static str, &'static str),
+    /// The files of version 2.
+    v2: (&'static str, &'static str),
+}
+
+const GROUP_PROCESSES: GroupLimit =
+    GroupLimit { v1: ("pids", "pids.max", "pids.current"), v2: ("pids.max", "pids.current") };
+const GROUP_MEMORY: GroupLimit = GroupLimit {
+    v1: ("memory", "memory.limit_in_bytes", "memory.usage_in_bytes"),
+    v2: ("memory.max", "memory.current"),
+};
+
+/// Returns the smallest limit in the control groups of this process, less what is used of it.
+fn group_limit(limit: &GroupLimit, groups: &str, mounts: &Path) -> Option<u64> {
+    let own = |begin: &dyn Fn(&str) -> bool| {
+        groups.lines().find_map(|line| {
+            let (_, rest) = line.split_once(':')?;
+            let (controllers, path) = rest.split_once(':')?;
+            begin(controllers).then(|| path.trim_start_matches('/').to_owned())
+        })
+    };
+    let of_v1 = own(&|controllers| controllers.split(',').any(|one| one == limit.v1.0));
+    let of_v1 = of_v1.and_then(|own| least_of(&mounts.join(limit.v1.0), &own, (limit.v1.1, limit.v1.2)));
+    let of_v2 = own(&|controllers| controllers.is_empty()).and_then(|own| least_of(mounts, &own, limit.v2));
+    of_v1.into_iter().chain(of_v2).min()
+}
+
+/// Returns the smallest limit from a group up to the root of its hierarchy. A container may see its own group as the root.
+fn least_of(root: &Path, own: &str, (limit, used): (&str, &str)) -> Option<u64> {
+    let inside = root.join(own);
+    let mut group: PathBuf = if inside.is_dir() { inside } else { root.to_owned() };
     let mut least = None;
     loop {
         if let Some(most) = limit_in(&group.join(limit)) {
@@ -233,12 +261,18 @@ fn group_limit(limit: &str, used: &str) -> Option<u64> {
     }
 }
 
+/// Returns the smallest limit in the control groups of this process.
+fn own_limit(limit: &GroupLimit) -> Option<u64> {
+    let groups = fs::read_to_string("/proc/self/cgroup").ok()?;
+    group_limit(limit, &groups, Path::new("/sys/fs/cgroup"))
+}
+
 fn processes(modules: u64, contained: bool) -> Check {
     let of_user = match geteuid().is_root() {
         true => u64::MAX,
         false => getrlimit(Resource::Nproc).current.unwrap_or(u64::MAX),
     };
-    let of_group = group_limit("pids.max", "pids.current").unwrap_or(u64::MAX);
+    let of_group = own_limit(&GROUP_PROCESSES).unwrap_or(u64::MAX);
     let of_machine = limit_in(Path::new("/proc/sys/kernel/pid_max")).unwrap_or(u64::MAX);
     let needed = modules + OTHER_PROCESSES;
     let fix = match (contained, of_group.min(of_user).min(of_machine)) {
@@ -256,7 +290,7 @@ fn memory(modules: u64) -> Check {
         let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
         Some(line.trim().trim_end_matches("kB").trim().parse::<u64>().ok()? << 10)
     });
-    let of_group = group_limit("memory.max", "memory.current").unwrap_or(u64::MAX);
+    let of_group = own_limit(&GROUP_MEMORY).unwrap_or(u64::MAX);
     let found = available.map(|available| available.min(of_group));
     let fix = "use fewer modules, --link sim, or a machine or a container with more memory".to_owned();
     Check::amount("memory", found, modules * MEMORY, bytes, "the system would kill processes", fix)
@@ -389,5 +423,27 @@ mod tests {
         let (few, many) = (counted(10), counted(10_000));
         assert_eq!(few.len(), many.len());
         assert_eq!(few.iter().zip(&many).filter(|(a, b)| a != b).count(), 5);
+    }
+
+    #[test]
+    fn limits_of_both_versions_of_control_groups_are_found() {
+        let mounts = tempfile::tempdir().unwrap();
+        let write = |path: &str, text: &str| {
+            let path = mounts.path().join(path);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        };
+        write("pids/a/pids.max", "max\n");
+        write("pids/a/b/pids.max", "100\n");
+        write("pids/a/b/pids.current", "30\n");
+        let limit = |limit, groups| group_limit(limit, groups, mounts.path());
+        assert_eq!(limit(&GROUP_PROCESSES, "4:cpu,pids:/a/b\n0::/\n"), Some(70));
+        assert_eq!(limit(&GROUP_MEMORY, "4:cpu,pids:/a/b\n0::/\n"), None);
+        write("c/memory.max", "1000\n");
+        assert_eq!(limit(&GROUP_MEMORY, "0::/c\n"), Some(1000));
+        // Within a container, the own group is mounted as the root.
+        write("memory/memory.limit_in_bytes", "4096\n");
+        write("memory/memory.usage_in_bytes", "96\n");
+        assert_eq!(limit(&GROUP_MEMORY, "9:memory:/docker/0123\n"), Some(4000));
     }
 }

@@ -132,7 +132,7 @@ pub fn write_tables(journal: &Path, tables: &Tables) -> Result<(), Failure> {
 /// Examples for the help.
 const EXAMPLES: &str = "\
 Examples:
-  metamorph run deploy/scenarios/swarm.toml --link sim --journal run.journal
+  metamorph run swarm --link sim --journal run.journal
   metamorph export run.journal --mcap run.mcap
   metamorph export run.journal --mcap run.mcap --schema ros2
   metamorph export run.journal --csv tables

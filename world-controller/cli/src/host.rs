@@ -23,7 +23,7 @@ use thiserror::Error;
 const EXAMPLES: &str = "\
 Examples:
   metamorph host --listen /run/user/1000/h2.sock
-  metamorph run deploy/scenarios/swarm.toml --hosts hosts.toml
+  metamorph run swarm --hosts hosts.toml
   metamorph host --keys keys --make-keys hosts.toml
   metamorph host --listen 10.0.0.2:7447 --name h2 --keys keys
   metamorph host --status 10.0.0.2:7447 --name h2 --keys keys

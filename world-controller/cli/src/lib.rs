@@ -18,6 +18,7 @@ mod explore;
 mod export;
 mod host;
 pub mod learn;
+mod licences;
 mod log;
 mod modules;
 mod new;

@@ -101,7 +101,7 @@ pub fn modules(args: &ShapeArgs) -> Result<u8, ModulesError> {
     };
     let answer = Answer {
         schema: SCHEMA,
-        version: env!("CARGO_PKG_VERSION"),
+        version: metamorph_text::version::version(),
         file: args.file.shown(),
         cells: pairing.cells().collect(),
         analysis: Analysis::of(&pairing, Some(allowed), args.split, &|| true),

@@ -369,6 +369,9 @@ fn exit_code(answer: &Answer) -> u8 {
     }
 }
 
+/// Modules from which counting takes minutes.
+const LONG_COUNT: usize = 4;
+
 fn counted(
     args: &PlanArgs,
     shape: &str,
@@ -380,6 +383,12 @@ fn counted(
     interrupt.begin();
     let timeout = args.timeout.as_deref().map(timeout).transpose()?;
     let since = Stopwatch::start();
+    if start.len() >= LONG_COUNT && !args.quiet {
+        let modules = many(start.len() as u64, "module");
+        print_error(&format!(
+            "counting what {modules} can become takes minutes; Ctrl-C prints what is counted until then"
+        ));
+    }
     let mut live = Live::new(!args.quiet);
     let mut is_over = |counted: u64, what: &str| {
         live.show(|| format!("{} {what}", count(counted)));

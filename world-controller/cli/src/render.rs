@@ -24,6 +24,7 @@ use metamorph_scene::bodies::ShownSwarm;
 use metamorph_scene::figure::FigureError;
 use metamorph_scene::figure::options::Moment;
 use metamorph_scene::figure::palette::Theme;
+use metamorph_scene::figure::pdf::pdf;
 use metamorph_scene::scene::Scene;
 use metamorph_scene::shared::Shared;
 use metamorph_sim_bridge::director::outcome::Outcome;
@@ -39,12 +40,12 @@ use thiserror::Error;
 /// Arguments of `render`.
 #[derive(Debug, Args)]
 pub struct RenderArgs {
-    /// A journal that `run --journal` wrote; or a scenario (a file whose name ends in .toml, or a name that
+    /// A journal that `run --journal` wrote; or a scenario (a file whose name ends in .toml or .json, `-` for standard input, or a name that
     /// `metamorph scenarios` lists), which is simulated as far as it is needed; or a directory that `sweep --out`
     /// wrote, or a report that `run --json` wrote, which are plotted
     #[arg(value_name = "JOURNAL|SCENARIO|SWEEP|REPORT")]
     pub file: PathBuf,
-    /// Write a figure (.svg, .png) or a moving picture (.gif, .apng) to this file; with --every and {i} in the name of
+    /// Write a figure (.svg, .pdf, .png) or a moving picture (.gif, .apng, or .mp4 by ffmpeg) to this file; with --every and {i} in the name of
     /// a figure, one file for each moment, numbered from 0000; default: SVG on standard output
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -80,7 +81,7 @@ const NUMBER: &str = "{i}";
 /// Errors of `render`.
 #[derive(Debug, Error)]
 enum RenderError {
-    #[error("--out {}: the name says no format\n  fix: name a file that ends in .svg, .png, .gif or .apng", .0.shown())]
+    #[error("--out {}: the name says no format\n  fix: name a file that ends in .svg, .pdf, .png, .gif, .apng or .mp4", .0.shown())]
     Format(PathBuf),
     #[error("standard output is a terminal\n  fix: name a file with --out, or redirect it")]
     Terminal,
@@ -88,8 +89,6 @@ enum RenderError {
         "{0}: only sweeps and reports are plotted\n  fix: leave it out, or name the directory of a sweep or a report"
     )]
     OfPlot(&'static str),
-    #[error("{option}: a journal holds a run that is over\n  fix: leave it out, or name a scenario")]
-    OfScenario { option: &'static str },
     #[error(transparent)]
     Figure(#[from] FigureError),
     #[error(transparent)]
@@ -181,8 +180,8 @@ fn target(args: &RenderArgs) -> Result<Target, RenderError> {
     let kind = kind.ok_or_else(|| RenderError::Format(file.clone()))?;
     let is_numbered = file.file_name().is_some_and(|name| name.to_string_lossy().contains(NUMBER));
     match (kind, every) {
-        (Kind::Svg | Kind::Png, Some(_)) if is_numbered => Ok(Target::Numbered(kind)),
-        (Kind::Svg | Kind::Png, Some(_)) => Err(FigureError::Every.into()),
+        (still, Some(_)) if still.is_still() && is_numbered => Ok(Target::Numbered(kind)),
+        (still, Some(_)) if still.is_still() => Err(FigureError::Every.into()),
         (Kind::Moving(_), None) => Err(FigureError::NoEvery.into()),
         (Kind::Moving(_), _) if args.request.style.theme == Theme::Transparent => {
             Err(FigureError::Transparent.into())
@@ -221,20 +220,11 @@ fn simulated(args: &RenderArgs, since: Stopwatch, interrupt: &Interrupt) -> Resu
 }
 
 /// Reads a journal.
-fn read(args: &RenderArgs) -> Result<Drawn, RenderError> {
-    let SimulatedArgs { seed, set, kill, pause } = &args.simulated;
-    let given = [
-        ("--seed", seed.is_some()),
-        ("--set", !set.is_empty()),
-        ("--kill", !kill.is_empty()),
-        ("--pause", !pause.is_empty()),
-    ];
-    if let Some((option, _)) = given.into_iter().find(|(_, given)| *given) {
-        return Err(RenderError::OfScenario { option });
-    }
-    let Recorded { plan, scene, damage } = family::recorded(&args.file)?;
+fn read(args: &RenderArgs) -> Result<Drawn, Failure> {
+    args.simulated.must_be_left_out()?;
+    let Recorded { plan, scene, damage } = family::recorded(&args.file).map_err(RenderError::from)?;
     if let Some(damage) = damage {
-        return Err(JournalFailure::from(damage).into());
+        return Err(RenderError::from(JournalFailure::from(damage)).into());
     }
     for trouble in scene.troubles() {
         print_error(&format!("note: {trouble}"));
@@ -279,6 +269,7 @@ fn write_series(
         let path = file.with_file_name(name.replace(NUMBER, &format!("{number:04}")));
         let data = match kind {
             Kind::Png => request::png(&figure, picture, &style)?.0,
+            Kind::Pdf => pdf(picture).map_err(FigureError::from)?,
             Kind::Svg | Kind::Moving(_) => picture.svg().into_bytes(),
         };
         Ok::<_, RenderError>(outputs.writes("--out", &path, OutputKind::Picture)?.write(&data)?)
@@ -289,18 +280,18 @@ fn write_series(
 /// Examples for the help.
 const EXAMPLES: &str = "\
 Examples:
-  metamorph render deploy/scenarios/slab-to-sphere.toml --at 50% --out slab-to-sphere.svg
-  metamorph render deploy/scenarios/slab-to-sphere.toml --section 'x<11' --color level --width 180mm --out cut.png
-  metamorph render deploy/scenarios/swarm.toml --every 250ms --out swarm.gif
-  metamorph render deploy/scenarios/swarm.toml --every 5s --out 'frames/{i}.png'
+  metamorph render slab-to-sphere --at 50% --out slab-to-sphere.svg
+  metamorph render slab-to-sphere --section 'x<11' --color level --width 180mm --out cut.png
+  metamorph render swarm --every 250ms --out swarm.gif
+  metamorph render swarm --every 5s --out 'frames/{i}.png'
   metamorph render swarm --at 3s --links waits,messages --out links.svg
-  metamorph run deploy/scenarios/swarm.toml --journal run.journal
+  metamorph run swarm --journal run.journal
   metamorph render run.journal --at 12s --camera top --only goal --goal ghost > top.svg
   metamorph render results --plot makespan --out makespan.svg --table makespan.csv
 
 Projections are parallel: lengths in the plane of the picture can be measured with the scale bar. In an SVG
 every module is a group with its number, role and cell. A figure says in itself how it was made. The same run
-and options give the same bytes.
+and options give the same bytes, but for an MP4, which ffmpeg makes.
 
 Exit codes:
   0  the figure is written
@@ -313,7 +304,7 @@ Exit codes:
 pub static COMMAND: CommandOf<RenderArgs> = CommandOf {
     name: "render",
     group: Some(Group::Look),
-    about: "Draw figures of a run for papers: SVG, PNG, GIF and APNG, without a browser or a display",
+    about: "Draw figures of a run for papers: SVG, PDF, PNG, GIF, APNG and MP4, without a browser or a display",
     after_help: || EXAMPLES.to_owned(),
     execute: |args, call| render(args, call.since, call.interrupt),
 };

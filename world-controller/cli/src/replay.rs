@@ -14,10 +14,10 @@ use std::path::PathBuf;
 /// Examples for the help.
 const EXAMPLES: &str = "\
 Examples:
-  metamorph run deploy/scenarios/swarm.toml --journal run.journal
-  metamorph replay run.journal                       check that a replay matches the journal
-  metamorph replay run.journal --until 10s           the state of every module at 10 s
-  metamorph replay run.journal --agent 7 --until 5s  the history of module 7 until 5 s
+  metamorph run swarm --journal run.journal
+  metamorph replay run.journal                        check that a replay matches the journal
+  metamorph replay run.journal --until 10s            the state of every module at 10 s
+  metamorph replay run.journal --agent 7 --until 5s   the history of module 7 until 5 s
 
 Agents, world and controller receive the recorded inputs, in the order of cause and effect, and must
 reach the same states, messages and counts. Of a killed run, the parts in FILE.parts are replayed.

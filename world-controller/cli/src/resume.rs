@@ -21,7 +21,7 @@ use std::path::PathBuf;
 /// Examples for the help.
 const EXAMPLES: &str = "\
 Examples:
-  metamorph run deploy/scenarios/swarm.toml --journal run.journal --patience 60s
+  metamorph run swarm --journal run.journal --patience 60s
   (its controller is killed, for example by kill -9)
   metamorph resume run.journal
   metamorph resume run.journal --hosts hosts.toml --old-host-is-gone
@@ -56,6 +56,9 @@ pub struct ResumeArgs {
     /// printed. Messages between processes are shown afterwards
     #[arg(long)]
     pub view: bool,
+    /// The port of the page's address, for example one that is forwarded; default: any free one
+    #[arg(long, value_name = "N", requires = "view", value_parser = clap::value_parser!(u16).range(1..))]
+    pub port: Option<u16>,
     /// Let the page command the run; a second address, with the secret for that, is printed
     #[arg(long, requires = "view")]
     pub control: bool,
@@ -78,7 +81,7 @@ fn resume(args: ResumeArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u
         json: args.json,
         html: args.html,
         journal: Some(args.file.clone()),
-        view: args.view,
+        view: args.view.then_some(args.port),
         control: args.control,
         quiet: args.quiet,
     };

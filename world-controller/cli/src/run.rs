@@ -25,10 +25,10 @@ use thiserror::Error;
 /// Examples for the help.
 const EXAMPLES: &str = "\
 Examples:
-  metamorph run deploy/scenarios/swarm.toml --kill 3@2s --pause 7@1s..3s
-  metamorph run deploy/scenarios/slab-to-sphere.toml --link sim --seed 7 --loss 5%
-  metamorph run deploy/scenarios/swarm.toml --link sim --quiet --json - | jq .messages.by_class
-  metamorph run deploy/scenarios/swarm.toml --hosts 3
+  metamorph run swarm --kill 3@2s --pause 7@1s..3s
+  metamorph run slab-to-sphere --link sim --seed 7 --loss 5%
+  metamorph run swarm --link sim --quiet --json - | jq .messages.by_class
+  metamorph run swarm --hosts 3
 
 Times are scenario times with a unit: 200ms, 1.5s, 2min. Probabilities are written 5%, 0.05 or 1/20.
 Modules are numbered from 0; `metamorph check SCENARIO` prints their number.
@@ -65,6 +65,9 @@ pub struct RunArgs {
     /// printed. Messages between processes are shown afterwards, and with --journal only
     #[arg(long)]
     pub view: bool,
+    /// The port of the page's address, for example one that is forwarded; default: any free one
+    #[arg(long, value_name = "N", requires = "view", value_parser = clap::value_parser!(u16).range(1..))]
+    pub port: Option<u16>,
     /// Let the page command the run (kill, pause, stick a module and so on); a second address, with the secret for
     /// that, is printed. A simulated run then takes the time that processes would
     #[arg(long, requires = "view")]
@@ -104,7 +107,7 @@ fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Fai
         json: args.json,
         html: args.html,
         journal: journal.clone(),
-        view: args.view,
+        view: args.view.then_some(args.port),
         control: args.control,
         quiet: args.quiet,
     };

@@ -40,8 +40,8 @@ pub struct Asked {
     pub html: Option<PathBuf>,
     /// The journal that holds the run.
     pub journal: Option<PathBuf>,
-    /// Whether a page shows the run.
-    pub view: bool,
+    /// The port of the page that shows the run, if one does.
+    pub view: Option<Option<u16>>,
     /// Whether the page may command the run.
     pub control: bool,
     /// Whether only errors are printed.
@@ -72,11 +72,11 @@ impl Show {
         let Asked { json, html, journal, view, control, quiet } = asked;
         let json = Json::of(json.as_deref(), outputs)?;
         let html = html.map(|file| outputs.writes("--html", &file, OutputKind::Html)).transpose()?;
-        let watched = view || html.is_some();
+        let watched = view.is_some() || html.is_some();
         let messages = plan.overrides.link == LinkKind::Sim;
         let scene = watched.then(|| Shared::new(scene(plan, messages)));
         let (operators, control) = control.then(queue).unzip();
-        if let Some(scene) = scene.as_ref().filter(|_| view) {
+        if let Some((scene, port)) = scene.as_ref().zip(view) {
             // Standard output is for the report.
             // What the journal holds, `render` draws; a run that is not recorded can only be repeated.
             let command = match &journal {
@@ -85,9 +85,9 @@ impl Show {
             };
             let origin = Origin { title: plan.title(), seed: plan.seed, command };
             let subject = Subject::new(family::of(plan).shown(plan), origin);
-            print_error(&address(scene, subject, None, operators)?);
+            print_error(&address(scene, subject, port, operators)?);
         }
-        Ok(Show { json, html, view, quiet, scene, control, interrupt: interrupt.clone() })
+        Ok(Show { json, html, view: view.is_some(), quiet, scene, control, interrupt: interrupt.clone() })
     }
 
     /// Returns the log whose records fill the scene of the page and the HTML report, if either is wanted, and the
@@ -209,12 +209,7 @@ pub fn wait_for_end(interrupt: &Interrupt) {
 
 /// Returns where a run comes from that is read from a file, with what is changed in it.
 pub fn origin(plan: &Plan, file: &Path, simulated: &SimulatedArgs) -> Origin {
-    let SimulatedArgs { seed, set, kill, pause } = simulated;
-    let seed = seed.map(|seed| seed.to_string());
-    let options = [("--seed", seed.as_slice()), ("--set", set), ("--kill", kill), ("--pause", pause)];
-    let options = options.into_iter().flat_map(|(option, values)| {
-        values.iter().flat_map(move |value| [option.to_owned(), quote(value.clone())])
-    });
-    let command = Command::Render { source: quote(portable(file)), options: options.collect() };
+    let options = simulated.options().into_iter().map(quote).collect();
+    let command = Command::Render { source: quote(portable(file)), options };
     Origin { title: plan.title(), seed: plan.seed, command }
 }

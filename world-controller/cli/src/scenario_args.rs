@@ -6,10 +6,12 @@ use metamorph_protocol::time::{Span, SpanError};
 use metamorph_scenario::settings::Setting;
 use metamorph_scenario::{LinkKind, NEVER, Overrides, SEED, TIME_SCALE};
 use metamorph_sim_bridge::director::rescue::Rescue;
+use metamorph_text::command_error::{BAD_USAGE, CommandError};
 use std::fmt::Display;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use thiserror::Error;
 
 /// Returns the help of an option that overrides a value of the scenario. `default` is the value that holds if
 /// the scenario does not set it either.
@@ -17,19 +19,9 @@ fn left_out(what: &str, default: impl Display) -> String {
     format!("{what}; default: the scenario's, or {default}")
 }
 
-/// The scenario and its overrides.
-#[derive(Debug, Args)]
-pub struct PlanArgs {
-    /// The scenario: a TOML file, or a name that `metamorph scenarios` lists
-    #[arg(value_name = "SCENARIO")]
-    pub scenario: PathBuf,
-    /// The link: `ipc` starts one process per module, `sim` simulates all in virtual time,
-    /// deterministically
-    #[arg(long, value_enum, default_value_t = LinkArg::Ipc)]
-    pub link: LinkArg,
-    /// The seed of the run's randomness
-    #[arg(long, value_name = "N", help = left_out("The seed of the run's randomness", SEED))]
-    pub seed: Option<u64>,
+/// Changes of a scenario before it runs.
+#[derive(Clone, Debug, Args)]
+pub struct ChangeArgs {
     /// Kill the process of module ID at time T; its body stays where it is. ID may be a host of the scenario, such as
     /// h2: all its processes (repeatable)
     #[arg(long, value_name = "ID@T", allow_hyphen_values = true)]
@@ -41,6 +33,9 @@ pub struct PlanArgs {
     /// killed first (repeatable)
     #[arg(long, value_name = "ID@T", allow_hyphen_values = true)]
     pub restart: Vec<String>,
+    /// Cut the modules ID off from all others, from one time to another (repeatable)
+    #[arg(long, value_name = "ID,..@T..T", allow_hyphen_values = true)]
+    pub partition: Vec<String>,
     /// Probability that a message is lost
     #[arg(long, value_name = "P", help = left_out("Probability that a message is lost", NEVER), allow_hyphen_values = true)]
     pub loss: Option<String>,
@@ -63,6 +58,49 @@ pub struct PlanArgs {
     /// Give the swarm an operator who helps it when it is stuck (metamodules). Default: the scenario's, or none
     #[arg(long, value_enum, value_name = "KIND")]
     pub operator: Option<OperatorArg>,
+}
+
+impl ChangeArgs {
+    /// Returns the overrides, with the seed and the link that are left out here.
+    pub fn overrides(self) -> Overrides {
+        let operator = self.operator.map(|OperatorArg::Scripted| Setting {
+            option: "--operator",
+            text: "operator.kind=scripted".to_owned(),
+        });
+        let rescue = self.rescue.map(|level| format!("controller.rescue={}", Rescue::from(level)));
+        let rescue = rescue.map(|text| Setting { option: "--rescue", text });
+        let set = self.set.into_iter().map(|text| Setting { option: "--set", text });
+        Overrides {
+            kill: self.kill,
+            pause: self.pause,
+            restart: self.restart,
+            partition: self.partition,
+            loss: self.loss,
+            delay: self.delay,
+            duplicate: self.dup,
+            reorder: self.reorder,
+            settings: operator.into_iter().chain(rescue).chain(set).collect(),
+            ..Overrides::default()
+        }
+    }
+}
+
+/// The scenario and its overrides.
+#[derive(Debug, Args)]
+pub struct PlanArgs {
+    /// The scenario: a file of TOML or JSON, `-` for standard input, or a name that `metamorph scenarios` lists
+    #[arg(value_name = "SCENARIO")]
+    pub scenario: PathBuf,
+    /// The link: `ipc` starts one process per module, `sim` simulates all in virtual time,
+    /// deterministically
+    #[arg(long, value_enum, default_value_t = LinkArg::Ipc)]
+    pub link: LinkArg,
+    /// The seed of the run's randomness
+    #[arg(long, value_name = "N", help = left_out("The seed of the run's randomness", SEED))]
+    pub seed: Option<u64>,
+    /// The changes of the scenario.
+    #[command(flatten)]
+    pub changes: ChangeArgs,
     /// Divide the swarm among several hosts: their number, for daemons that this command starts on this machine, or a
     /// file that names running ones (see `metamorph host --help`). Default: the scenario's, or one
     #[arg(long, value_name = "N|FILE", value_parser = hosts)]
@@ -139,10 +177,6 @@ impl From<PlanArgs> for (PathBuf, Overrides) {
             Placement::Blocks => "placement=\"blocks\"".to_owned(),
             Placement::Cut => "placement=\"cut\"".to_owned(),
         });
-        let scripted = |OperatorArg::Scripted| "operator.kind=scripted".to_owned();
-        let operator = args.operator.map(scripted).map(|text| Setting { option: "--operator", text });
-        let rescue = args.rescue.map(|level| format!("controller.rescue={}", Rescue::from(level)));
-        let rescue = rescue.map(|text| Setting { option: "--rescue", text });
         let sizes = file.and_then(|file| file.sizes.as_ref()).map(|sizes| format!("hosts={sizes:?}"));
         let hosts = args.hosts.as_ref().map(|hosts| format!("hosts={}", hosts.count));
         let hosts = sizes.or(hosts);
@@ -151,56 +185,56 @@ impl From<PlanArgs> for (PathBuf, Overrides) {
             .chain(error)
             .chain(placement)
             .map(|text| Setting { option: "--set", text: format!("link.between_hosts.{text}") });
-        let set = args.set.into_iter().map(|text| Setting { option: "--set", text });
-        let overrides = Overrides {
-            link: match args.link {
-                LinkArg::Ipc => LinkKind::Ipc,
-                LinkArg::Sim => LinkKind::Sim,
-            },
-            seed: args.seed,
-            kill: args.kill,
-            pause: args.pause,
-            restart: args.restart,
-            loss: args.loss,
-            delay: args.delay,
-            duplicate: args.dup,
-            reorder: args.reorder,
-            time_scale: args.time_scale,
-            settings: operator.into_iter().chain(rescue).chain(set).chain(hosts).collect(),
+        let mut overrides = args.changes.overrides();
+        overrides.link = match args.link {
+            LinkArg::Ipc => LinkKind::Ipc,
+            LinkArg::Sim => LinkKind::Sim,
         };
+        overrides.seed = args.seed;
+        overrides.time_scale = args.time_scale;
+        overrides.settings.extend(hosts);
         (args.scenario, overrides)
     }
 }
 
 /// Options of commands that simulate a scenario if they are given one.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Options of a scenario")]
 pub struct SimulatedArgs {
-    /// Of a scenario: the seed of the run's randomness
-    #[arg(long, value_name = "N", help = left_out("Of a scenario: the seed of the run's randomness", SEED))]
+    /// The seed of the run's randomness
+    #[arg(long, value_name = "N", help = left_out("The seed of the run's randomness", SEED))]
     pub seed: Option<u64>,
-    /// Of a scenario: set a value in it, as for `run` (repeatable)
-    #[arg(long, value_name = "KEY=VALUE", allow_hyphen_values = true)]
-    pub set: Vec<String>,
-    /// Of a scenario: kill the process of module ID at time T (repeatable)
-    #[arg(long, value_name = "ID@T", allow_hyphen_values = true)]
-    pub kill: Vec<String>,
-    /// Of a scenario: stop the process of module ID from one time to another (repeatable)
-    #[arg(long, value_name = "ID@T..T", allow_hyphen_values = true)]
-    pub pause: Vec<String>,
+    /// Its changes.
+    #[command(flatten)]
+    pub changes: ChangeArgs,
+}
+
+/// An option of a scenario was given for a journal.
+#[derive(Debug, Error)]
+#[error("{0}: a journal holds a run that is over\n  fix: leave it out, or name a scenario")]
+pub struct OfScenario(String);
+
+impl CommandError for OfScenario {
+    fn exit_code(&self) -> u8 {
+        BAD_USAGE
+    }
 }
 
 impl SimulatedArgs {
     /// Returns the overrides of a scenario.
     pub fn overrides(&self) -> Overrides {
-        let setting = |text: &String| Setting { option: "--set", text: text.clone() };
-        Overrides {
-            link: LinkKind::Sim,
-            seed: self.seed,
-            kill: self.kill.clone(),
-            pause: self.pause.clone(),
-            settings: self.set.iter().map(setting).collect(),
-            ..Overrides::default()
-        }
+        Overrides { link: LinkKind::Sim, seed: self.seed, ..self.changes.clone().overrides() }
+    }
+    /// Refuses options of a scenario where a journal is read.
+    pub fn must_be_left_out(&self) -> Result<(), OfScenario> {
+        let setting = self.overrides().settings.first().map(|setting| setting.option.to_owned());
+        setting.or_else(|| self.options().into_iter().next()).map_or(Ok(()), |option| Err(OfScenario(option)))
+    }
+    /// Returns the options that give the same overrides when typed.
+    pub fn options(&self) -> Vec<String> {
+        let seed = self.seed.map(|seed| ["--seed".to_owned(), seed.to_string()]);
+        let changes = self.overrides().options();
+        seed.into_iter().flatten().chain(changes).collect()
     }
 }
 

@@ -23,9 +23,9 @@ use thiserror::Error;
 /// The end of the command's help.
 const EXAMPLES: &str = "\
 Examples:
-  metamorph structure quad5-sym                      body, limbs, roles and networks
+  metamorph structure quad5-sym            body, limbs, roles and networks
   metamorph structure deploy/structures/struct10.json --network fo
-  metamorph structure quad5-sym --dead 0             the same with the joints of module 0 locked
+  metamorph structure quad5-sym --dead 0   the same with the joints of module 0 locked
   metamorph structure quad5-sym --json - | jq .networks
 
 A structure is a file, or one of quad5-sym, quad5-unsym, struct10, quad9 and tripod4.

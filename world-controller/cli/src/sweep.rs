@@ -1,6 +1,6 @@
 //! The command `sweep`.
 
-use crate::scenario_args::jobs;
+use crate::scenario_args::{ChangeArgs, jobs};
 use clap::Args;
 use metamorph_console::command::{CommandOf, Group};
 use metamorph_experiments::sweep::{Request, sweep};
@@ -10,9 +10,9 @@ use std::path::PathBuf;
 /// Examples for the help.
 const EXAMPLES: &str = "\
 Examples:
-  metamorph sweep deploy/scenarios/swarm.toml --seeds 0..1000
-  metamorph sweep deploy/scenarios/swarm.toml --seeds 0..1000 --vary link.loss=0%,1%,5%
-  metamorph sweep deploy/scenarios/swarm.toml --seeds 0..200 --vary protocol.connectivity=forest,cycles \\
+  metamorph sweep swarm --seeds 0..1000
+  metamorph sweep swarm --seeds 0..1000 --vary link.loss=0%,1%,5%
+  metamorph sweep swarm --seeds 0..200 --vary protocol.connectivity=forest,cycles \\
       --vary goal.0.growth=scaffold,solid --out results
   metamorph sweep (the same options) --out results --resume
 
@@ -36,16 +36,18 @@ Exit codes:
 /// Arguments of `sweep`.
 #[derive(Debug, Args)]
 pub struct SweepArgs {
-    /// The scenario: a TOML file, or a name that `metamorph scenarios` lists
+    /// The scenario: a file of TOML or JSON, `-` for standard input, or a name that `metamorph scenarios` lists
     #[arg(value_name = "SCENARIO")]
     pub scenario: PathBuf,
     /// The seeds, from A to B without B: 0..1000 are 1,000 runs
     #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
     pub seeds: String,
-    /// Run with each of these values of a key, for example link.loss=0%,1%,5%; one value sets it in all runs (repeatable: every
-    /// combination is run)
-    #[arg(long, visible_alias = "set", value_name = "KEY=V1,V2,..", allow_hyphen_values = true)]
+    /// Run with each of these values of a key, for example link.loss=0%,1%,5% (repeatable: every combination is run)
+    #[arg(long, value_name = "KEY=V1,V2,..", allow_hyphen_values = true)]
     pub vary: Vec<String>,
+    /// The changes of the scenario, in all runs.
+    #[command(flatten)]
+    pub changes: ChangeArgs,
     /// Number of concurrent runs; default: the number of processors
     #[arg(long, value_name = "N")]
     pub jobs: Option<NonZeroUsize>,
@@ -66,6 +68,7 @@ impl From<SweepArgs> for Request {
             scenario: args.scenario,
             seeds: args.seeds,
             vary: args.vary,
+            overrides: args.changes.overrides(),
             jobs: jobs(args.jobs),
             out: args.out,
             resume: args.resume,

@@ -19,11 +19,11 @@ use std::path::PathBuf;
 /// Examples for the help.
 const EXAMPLES: &str = "\
 Examples:
-  metamorph run deploy/scenarios/swarm.toml --journal run.journal
-  metamorph view run.journal                             show a recorded run
-  metamorph view deploy/scenarios/chair.toml --seed 7    simulate a scenario, and show it
-  metamorph view run.journal --port 8080                 at a port that is forwarded from another machine
-  metamorph run deploy/scenarios/swarm.toml --view       show processes while they run
+  metamorph run swarm --journal run.journal
+  metamorph view run.journal               show a recorded run
+  metamorph view chair --seed 7            simulate a scenario, and show it
+  metamorph view run.journal --port 8080   at a port that is forwarded from another machine
+  metamorph run swarm --view               show processes while they run
 
 The address of the page is printed; open it in a browser of this machine. It works without a network,
 listens on the loopback interface only, and admits only requests with the complete address. `?` on the
@@ -38,7 +38,7 @@ Exit codes:
 /// Arguments of `view`.
 #[derive(Debug, Args)]
 pub struct ViewArgs {
-    /// A journal that `run --journal` wrote; or a scenario (a file whose name ends in .toml, or a name that
+    /// A journal that `run --journal` wrote; or a scenario (a file whose name ends in .toml or .json, `-` for standard input, or a name that
     /// `metamorph scenarios` lists), which is simulated and shown
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
@@ -53,6 +53,7 @@ pub struct ViewArgs {
 /// Shows a journal, or a scenario that is simulated meanwhile.
 fn view(args: &ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
     if !is_scenario(family::sources(), &args.file) {
+        args.simulated.must_be_left_out()?;
         let Recorded { plan, scene, damage } = recorded(&args.file)?;
         for trouble in scene.troubles() {
             print_error(&format!("note: {trouble}"));

@@ -76,6 +76,23 @@ pub struct CommandOf<A> {
     pub execute: fn(A, Call<'_>) -> Result<u8, Failure>,
 }
 
+/// Returns a text for the end of a help with each paragraph on one line, for the terminal to wrap. Lines that begin with a blank, such
+/// as examples and lists, stay, and so does a heading.
+pub fn unwrapped(text: &str) -> String {
+    let mut all = String::new();
+    for line in text.lines() {
+        let last = all.lines().last().unwrap_or_default();
+        let is_prose = |line: &str| !line.is_empty() && !line.starts_with(' ');
+        if is_prose(line) && is_prose(last) && !last.ends_with(':') {
+            all.pop();
+            all.push(' ');
+        }
+        all.push_str(line);
+        all.push('\n');
+    }
+    all.trim_end().to_owned()
+}
+
 impl<A: Args> Command for CommandOf<A> {
     fn name(&self) -> &'static str {
         self.name
@@ -91,7 +108,7 @@ impl<A: Args> Command for CommandOf<A> {
         let command = command.hide(self.group.is_none());
         match (self.after_help)() {
             help if help.is_empty() => command,
-            help => command.after_help(help),
+            help => command.after_help(unwrapped(&help)),
         }
     }
     fn execute(&self, matches: &ArgMatches, call: Call<'_>) -> Result<u8, Failure> {

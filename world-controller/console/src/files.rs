@@ -3,7 +3,7 @@
 use crate::output::Outputs;
 use crate::output_kind::OutputKind;
 use metamorph_module_agent::regular_file;
-use metamorph_text::sources::Sources;
+use metamorph_text::sources::{STANDARD_INPUT, Sources};
 use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, Read};
@@ -21,6 +21,7 @@ impl Sources for Files {
     fn read_argument(&self, path: &Path, limit: u64) -> io::Result<Vec<u8>> {
         // Descriptors inherited from the parent process are read, whatever they are; opening another special file
         // could block without end.
+        let path = if path == Path::new(STANDARD_INPUT) { Path::new("/dev/stdin") } else { path };
         if !["/dev/stdin", "/dev/fd/", "/proc/self/fd/"]
             .iter()
             .any(|start| path.to_string_lossy().starts_with(start))

@@ -9,6 +9,7 @@ use crate::shutdown::Shutdown;
 use crate::terminal::print_error;
 use metamorph_kernel::director::outcome::Outcome;
 use metamorph_module_agent::run_dir::identity::survive_file_limits;
+use nix::sys::signal::{SigSet, Signal};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use signal_hook::low_level::signal_name;
@@ -54,7 +55,13 @@ impl Interrupt {
         let interrupt = Interrupt::default();
         let receiver = interrupt.clone();
         let thread = std::thread::Builder::new().name("signals".into());
-        thread.spawn(move || signals.forever().for_each(|signal| receiver.take(signal)))?;
+        thread.spawn(move || {
+            // Blocked signals are inherited; a process delivers one to a thread that does not block it.
+            if let Err(error) = unblocked().thread_unblock() {
+                tracing::warn!("signals that are blocked stay so: {error}");
+            }
+            signals.forever().for_each(|signal| receiver.take(signal));
+        })?;
         *listening = Some(interrupt.clone());
         Ok(interrupt)
     }
@@ -111,6 +118,11 @@ impl Interrupt {
     fn desk(&self) -> MutexGuard<'_, Desk> {
         self.0.desk.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// The signals that this module listens for.
+fn unblocked() -> SigSet {
+    SigSet::from_iter([Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP])
 }
 
 /// Prints a message on standard error; on a terminal, in place of the progress line.

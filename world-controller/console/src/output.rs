@@ -55,7 +55,7 @@ pub enum OutputError {
         kind: &'static str,
     },
     /// The destination is not writable.
-    #[error("{name}: cannot write there: {error}\n  fix: {fix}")]
+    #[error("{name}: cannot write there: {}\n  fix: {fix}", reason(.error))]
     Unwritable {
         /// The option that names the file, and the file's name.
         name: String,
@@ -426,6 +426,15 @@ fn stream(path: &Path) -> io::Result<File> {
     })?;
     fcntl_setfl(&file, OFlags::APPEND)?;
     Ok(file)
+}
+
+/// Returns the reason why nothing can be written at a place.
+fn reason(error: &io::Error) -> String {
+    match error.kind() {
+        io::ErrorKind::NotFound => "its directory does not exist".to_owned(),
+        io::ErrorKind::PermissionDenied => "this user may not write there".to_owned(),
+        _ => error.to_string(),
+    }
 }
 
 /// The destination of a command's JSON: `--json FILE|-`.

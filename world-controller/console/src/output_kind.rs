@@ -38,7 +38,7 @@ pub enum OutputKind {
     Manual,
     /// A database of motions of Roombots.
     MotionDatabase,
-    /// A picture as SVG, PNG, GIF or APNG.
+    /// A picture as SVG, PDF, PNG, GIF, APNG or MP4.
     Picture,
 }
 
@@ -87,7 +87,9 @@ impl OutputKind {
             OutputKind::MotionDatabase => head.starts_with(b"MMRBDB"),
             OutputKind::Picture => {
                 let is_bitmap = head.starts_with(b"\x89PNG\r\n") || head.starts_with(b"GIF8");
-                is_bitmap || head.starts_with(b"<svg")
+                let is_film = head.get(4..8) == Some(b"ftyp");
+                let is_page = head.starts_with(b"%PDF-") && has(b"/Creator (metamorph)");
+                is_bitmap || is_film || is_page || head.starts_with(b"<svg")
             }
         }
     }
@@ -114,7 +116,7 @@ mod tests {
     #[test]
     fn only_files_of_the_same_kind_are_replaced() {
         use OutputKind::{Csv, Html, Journal, Json, Picture};
-        let files: [(&[u8], &[OutputKind]); 12] = [
+        let files: [(&[u8], &[OutputKind]); 14] = [
             (b"", &[Csv, Html, Journal, Json, Picture]),
             (b"MMJOURNL\x0d\0", &[Journal]),
             (b"version = 1\n[swarm]\n", &[]),
@@ -126,6 +128,8 @@ mod tests {
             (b"Name,Surname\n", &[]),
             (b"<!DOCTYPE html><html><head><meta name=\"generator\" content=\"metamorph\">", &[Html]),
             (b"<!DOCTYPE html><title>Home</title>", &[]),
+            (b"%PDF-1.7\n5 0 obj\n<<\n  /Creator (metamorph)\n>>", &[Picture]),
+            (b"%PDF-1.7\n5 0 obj\n<<\n  /Title (My thesis)\n>>", &[]),
             (b"<svg xmlns=\"http://www.w3.org/2000/svg\">", &[Picture]),
         ];
         let file = tempfile::NamedTempFile::new().unwrap();

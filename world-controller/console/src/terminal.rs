@@ -12,6 +12,7 @@ use metamorph_text::format::fitting;
 use metamorph_text::paint::Paint;
 use metamorph_text::progress::{ProgressLine, Status};
 use std::io::{self, IsTerminal, Write};
+use std::os::fd::AsFd;
 use std::sync::OnceLock;
 use std::time::Duration;
 
@@ -49,9 +50,16 @@ pub fn has_color(is_terminal: bool) -> bool {
     }
 }
 
-/// Returns the colours of a stream.
-fn paint_for(is_terminal: bool) -> Paint {
-    if has_color(is_terminal) { Paint::COLOURED } else { Paint::PLAIN }
+/// Returns the colours of a stream, and the width of its lines if it is a terminal.
+fn paint_of(stream: impl IsTerminal + AsFd) -> Paint {
+    let paint = if has_color(stream.is_terminal()) { Paint::COLOURED } else { Paint::PLAIN };
+    width_of(stream).map_or(paint, |width| paint.within(width))
+}
+
+/// Returns the columns of a terminal; `None` if the stream is none, or does not say it.
+fn width_of(stream: impl AsFd) -> Option<usize> {
+    let size = rustix::termios::tcgetwinsize(stream).ok()?;
+    (size.ws_col > 0).then_some(size.ws_col.into())
 }
 
 /// The destination of human-readable text.
@@ -77,8 +85,8 @@ impl Channel {
     /// Returns the colours that suit the channel.
     pub fn paint(self) -> Paint {
         match self {
-            Channel::Out => paint_for(std::io::stdout().is_terminal()),
-            Channel::Err => paint_for(std::io::stderr().is_terminal()),
+            Channel::Out => paint_of(std::io::stdout()),
+            Channel::Err => paint_of(std::io::stderr()),
             Channel::Quiet => Paint::PLAIN,
         }
     }
@@ -152,13 +160,6 @@ impl From<Status> for Drawing {
     }
 }
 
-/// Returns the width of the terminal on standard error, in columns.
-fn columns() -> usize {
-    let size = rustix::termios::tcgetwinsize(std::io::stderr()).ok();
-    // A terminal of unknown size reports 0.
-    size.map(|size| usize::from(size.ws_col)).filter(|columns| *columns > 0).unwrap_or(80)
-}
-
 /// A line on standard error that is redrawn in place; on a terminal only.
 pub struct Live {
     on: bool,
@@ -187,7 +188,7 @@ impl Live {
             self.last = Stopwatch::start();
             self.drawn = true;
             // The last column stays empty, so that no terminal wraps the line.
-            let width = columns() - 1;
+            let width = width_of(std::io::stderr()).unwrap_or(80) - 1;
             let line = match line().into() {
                 Drawing::Text(text) => fitting(text.split("  "), width),
                 Drawing::Run(status) => self.progress_line.line(self.since.elapsed(), &status, width),

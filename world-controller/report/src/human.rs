@@ -9,6 +9,7 @@ use metamorph_text::escape::Shown;
 use metamorph_text::format::{bytes, count, duration, many, seconds, whole_percent};
 use metamorph_text::paint::Paint;
 use metamorph_text::progress::Status;
+use metamorph_text::table::Table;
 use std::fmt::Write;
 
 /// Mean relative speed of the clock from which it is not reported as slowed.
@@ -208,30 +209,34 @@ fn write_moves(out: &mut String, r: &Report) -> std::fmt::Result {
     Ok(())
 }
 
+/// A column of the table of messages: its heading, and what it counts.
+type Column = (&'static str, fn(&ClassCounts) -> u64);
+
+/// Writes the messages of each class. Columns of nothing but zeros are left out, but for those of messages lost.
 fn write_messages(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result {
-    let header = format!(
-        "  {:<13}{:>12}{:>12}{:>10}{:>8}{:>10}{:>10}{:>9}{:>11}",
-        "messages", "sent", "delivered", "lost", "dup", "overflow", "expired", "refused", "bytes"
-    );
-    writeln!(out, "{}", paint.strong(&header))?;
-    let mut line = |name: &str, c: &ClassCounts| {
-        writeln!(
-            out,
-            "  {name:<13}{:>12}{:>12}{:>10}{:>8}{:>10}{:>10}{:>9}{:>11}",
-            count(c.sent),
-            count(c.delivered),
-            count(c.lost),
-            count(c.duplicated),
-            count(c.overflowed),
-            count(c.expired),
-            count(c.refused),
-            bytes(c.bytes)
-        )
-    };
-    for (class, counts) in r.messages.by_class.iter().filter(|(_, c)| c.sent > 0) {
-        line(class, counts)?;
+    let of_classes = r.messages.by_class.iter().filter(|(_, c)| c.sent > 0);
+    let rows: Vec<(&str, &ClassCounts)> = of_classes
+        .map(|(class, counts)| (class.as_str(), counts))
+        .chain([("all", &r.messages.all)])
+        .collect();
+    let columns: [Column; 7] = [
+        ("sent", |c| c.sent),
+        ("delivered", |c| c.delivered),
+        ("lost", |c| c.lost),
+        ("duplicated", |c| c.duplicated),
+        ("overflowed", |c| c.overflowed),
+        ("expired", |c| c.expired),
+        ("refused", |c| c.refused),
+    ];
+    let is_shown = |i: usize, of: fn(&ClassCounts) -> u64| i < 3 || of(&r.messages.all) > 0;
+    let columns: Vec<_> = columns.into_iter().enumerate().filter(|(i, (_, of))| is_shown(*i, *of)).collect();
+    let mut table = Table::new(&["messages"]);
+    table.head(&columns.iter().map(|(_, (name, _))| *name).chain(["bytes"]).collect::<Vec<_>>());
+    for (name, counts) in rows {
+        let numbers = columns.iter().map(|(_, (_, of))| count(of(counts)));
+        table.row(&[name.to_owned()], numbers.chain([bytes(counts.bytes)]).collect());
     }
-    line("all", &r.messages.all)?;
+    write!(out, "{}", table.text(paint))?;
     let per_module = r.messages.total as f64 / r.agents.launched.max(1) as f64;
     writeln!(
         out,

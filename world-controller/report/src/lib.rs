@@ -128,7 +128,7 @@ pub fn report(facts: &Facts<'_>) -> Report {
     let part = account.family_part.as_ref();
     Report {
         schema: SCHEMA,
-        version: env!("CARGO_PKG_VERSION").to_owned(),
+        version: metamorph_text::version::version().to_owned(),
         scenario: plan.title(),
         file: plan.file(),
         family: plan.swarm.family().to_owned(),

@@ -239,7 +239,7 @@ impl Runs {
         );
         Reproduction {
             schema: SCHEMA,
-            version: env!("CARGO_PKG_VERSION").to_owned(),
+            version: metamorph_text::version::version().to_owned(),
             seeds,
             runs_planned: sum(|s| s.runs_planned),
             runs: sum(|s| s.runs),

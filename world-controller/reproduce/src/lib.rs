@@ -315,7 +315,7 @@ impl Sweeper<'_> {
         // The scenario is also written to the directory, so that the commands in the results work.
         let file = out.map(|dir| dir.join(&name).with_extension("toml"));
         let origin = file.as_ref().map_or_else(|| format!("{name}.toml"), |f| f.display().to_string());
-        let scenario = Scenario { origin, text: text.to_owned() };
+        let scenario = Scenario { origin, text: text.to_owned(), overrides: Overrides::default() };
         let (mut store, mut results) = (None, None);
         let dir = out.map(|dir| dir.join(&name));
         if let (Some(file), Some(dir)) = (&file, &dir) {

@@ -131,8 +131,8 @@ pub fn schema() -> Definitions {
             "Commands of an operator, given together.",
             &["at", "do"],
             json!({
-                "at": of("time"),
-                "operator": or(OPERATOR, json!({ "type": "integer", "minimum": 0, "maximum": u16::MAX })),
+                "at": said("When they are given.", of("time")),
+                "operator": said("The number of the operator who gives them.", or(OPERATOR, json!({ "type": "integer", "minimum": 0, "maximum": u16::MAX }))),
                 "do": said(
                     "Each is a fault of a module or of a cell, the end of one, or what a module or the goal is to do, such as \
                      `kill 3` or `goto 3 [4, 5, 0] for 30s`.",

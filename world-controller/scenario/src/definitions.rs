@@ -40,8 +40,8 @@ pub fn one_of<T: Default + PartialEq>(names: &[(&'static str, T)]) -> Value {
 }
 
 /// Returns the schema of a probability that defaults to zero.
-pub fn seldom() -> Value {
-    or(Ratio::ZERO.to_string(), of("probability"))
+pub fn seldom(description: &str) -> Value {
+    said(description, or(Ratio::ZERO.to_string(), of("probability")))
 }
 
 /// Returns the schema of the optional end of a fault.
@@ -89,9 +89,15 @@ pub fn one_of_its_keys(mut table: Value) -> Value {
 
 /// Returns the schema of a fault: its kind and target, required times, and more optional keys.
 pub fn fault(description: &str, verb: &str, times: &[&str], more: Value) -> Value {
-    let mut schema = table(description, &[&[verb], times].concat(), json!({ (verb): of("modules") }));
+    let targets = said("A module, or a list of them.", of("modules"));
+    let mut schema = table(description, &[&[verb], times].concat(), json!({ (verb): targets }));
     for time in times {
-        schema["properties"][*time] = of("time");
+        let when = match *time {
+            "at" => "When it happens.",
+            "from" => "When it begins.",
+            _ => "When it ends.",
+        };
+        schema["properties"][*time] = said(when, of("time"));
     }
     if let Value::Object(more) = more {
         for (key, value) in more {

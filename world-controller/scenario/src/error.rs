@@ -60,9 +60,12 @@ pub enum ScenarioError {
     /// The text is not TOML.
     #[error("this is not TOML: {0}")]
     Syntax(String),
+    /// The text begins like JSON and is not.
+    #[error("this is not JSON: {0}")]
+    JsonSyntax(String),
     /// The scenario is for a later version of the program.
     #[error("the scenario has version {found}; this program (metamorph {program}) reads version {VERSION}",
-        program = env!("CARGO_PKG_VERSION"))]
+        program = metamorph_text::version::version())]
     Newer {
         /// The version of the scenario.
         found: i64,
@@ -289,6 +292,9 @@ impl ScenarioError {
             ScenarioError::NotUtf8 => "save it as UTF-8; is it really a scenario?".into(),
             ScenarioError::FileTooLarge => {
                 "describe large shapes with box, sphere, union, not cell by cell".into()
+            }
+            ScenarioError::JsonSyntax(_) => {
+                "see https://json.org for the syntax; `null` has no meaning, a key is left out instead".into()
             }
             ScenarioError::Syntax(_) => "see https://toml.io for the syntax; text values need quotes".into(),
             ScenarioError::Newer { .. } => format!("use a newer metamorph, or write `version = {VERSION}`"),

@@ -316,6 +316,25 @@ pub fn read_option(verb: Verb, name: &str, text: &str, diagnostics: &mut Diagnos
     })
 }
 
+/// Reads the option `--partition 1,2,3@5s..10s`.
+pub fn read_partition_option(text: &str, diagnostics: &mut Diagnostics) -> Option<RawFault> {
+    let place = Place::Option(format!("--partition {text}"));
+    let wrong = || ScenarioError::Form(text.to_owned(), "ID,ID@T..T");
+    let parts = text.split_once('@').ok_or_else(wrong);
+    let (modules, times) = diagnostics.note(&place, parts)?;
+    let modules: Result<Vec<u64>, _> =
+        modules.split(',').map(|id| id.trim().parse().map_err(|_| wrong())).collect();
+    let modules = diagnostics.note(&place, modules)?;
+    let window = span_range(times).map_err(|error| match error {
+        ScenarioError::Form(..) => wrong(),
+        other => other,
+    });
+    let (from, until) = diagnostics.note(&place, window)?;
+    let at = |id| At::new(id, place.clone());
+    let (from, until) = (At::new(from, place.clone()), At::new(until, place.clone()));
+    Some(RawFault::Partition { modules: modules.into_iter().map(at).collect(), from, until })
+}
+
 /// Returns the definitions of the faults that every family may have, for the JSON schema.
 pub fn schema() -> Definitions {
     vec![
@@ -327,13 +346,18 @@ pub fn schema() -> Definitions {
                 "A process is started again without its memory.",
                 "restart",
                 &["at"],
-                json!({ "memory": or(false, json!({ "const": false })) }),
+                json!({ "memory": said("Whether it has its memory.", or(false, json!({ "const": false }))) }),
             ),
         ),
         ("stick", fault("A joint sticks.", "stick", &["at"], json!({ "until": for_good() }))),
         (
             "crash",
-            fault("Modules drawn at random are killed.", "crash", &[], json!({ "crash": of("crashes") })),
+            fault(
+                "Modules drawn at random are killed.",
+                "crash",
+                &[],
+                json!({ "crash": said("How many, and when.", of("crashes")) }),
+            ),
         ),
         (
             "crashes",
@@ -343,7 +367,7 @@ pub fn schema() -> Definitions {
                 json!({
                     "count": said("If left out, `fraction` says it.", natural()),
                     "fraction": said("Of all modules; if left out, `count` says it.", of("probability")),
-                    "between": of("window"),
+                    "between": said("The times between which each dies at a time of its own.", of("window")),
                 }),
             ),
         ),
@@ -353,7 +377,7 @@ pub fn schema() -> Definitions {
                 "All processes of a host are killed.",
                 "kill_host",
                 &["at"],
-                json!({ "kill_host": of("host") }),
+                json!({ "kill_host": said("The host.", of("host")) }),
             ),
         ),
         (
@@ -362,7 +386,7 @@ pub fn schema() -> Definitions {
                 "All processes of a host are stopped for a while.",
                 "pause_host",
                 &["from", "until"],
-                json!({ "pause_host": of("host") }),
+                json!({ "pause_host": said("The host.", of("host")) }),
             ),
         ),
         (
@@ -371,16 +395,28 @@ pub fn schema() -> Definitions {
                 "Nothing passes between two hosts.",
                 "cut",
                 &["from", "until"],
-                json!({ "cut": of("two-hosts") }),
+                json!({ "cut": said("The two hosts.", of("two-hosts")) }),
             ),
         ),
-        ("partition", fault("Modules are cut off.", "partition", &[], json!({ "partition": of("sides") }))),
+        (
+            "partition",
+            fault(
+                "Modules are cut off.",
+                "partition",
+                &[],
+                json!({ "partition": said("The modules, and when.", of("sides")) }),
+            ),
+        ),
         (
             "sides",
             table(
                 "The modules, and when.",
                 &["modules", "from", "until"],
-                json!({ "modules": of("modules"), "from": of("time"), "until": of("time") }),
+                json!({
+                    "modules": said("The modules on one side; all others are on the other.", of("modules")),
+                    "from": said("When it begins.", of("time")),
+                    "until": said("When it ends.", of("time")),
+                }),
             ),
         ),
     ]

@@ -443,7 +443,7 @@ pub fn schema() -> Definitions {
             table(
                 "The link of two hosts.",
                 &["hosts"],
-                rates(json!({ "hosts": of("two-hosts") }), "between the other hosts"),
+                rates(json!({ "hosts": said("The two hosts.", of("two-hosts")) }), "between the other hosts"),
             ),
         ),
     ]

@@ -23,6 +23,7 @@ pub mod faults;
 pub mod grid;
 pub mod hosts;
 mod hosts_summary;
+mod json;
 mod link_between;
 mod link_burst;
 pub mod operator;
@@ -61,7 +62,8 @@ use std::cell::LazyCell;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use toml::de::DeTable;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
 
 /// The link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -97,6 +99,8 @@ pub struct Overrides {
     pub pause: Vec<String>,
     /// `ID@T`, in addition to the scenario's faults.
     pub restart: Vec<String>,
+    /// `ID,ID@T..T`, in addition to the scenario's faults.
+    pub partition: Vec<String>,
     /// Probability of loss.
     pub loss: Option<String>,
     /// Delay: `T` or `T..T`.
@@ -124,6 +128,7 @@ impl Overrides {
             many("--kill", &self.kill),
             many("--pause", &self.pause),
             many("--restart", &self.restart),
+            many("--partition", &self.partition),
             one("--loss", &self.loss),
             one("--delay", &self.delay),
             one("--dup", &self.duplicate),
@@ -271,29 +276,50 @@ fn load_file(sources: &dyn Sources, path: &Path) -> Result<String, Diagnostics> 
     let origin = path.display().to_string();
     let bytes = sources.read_argument(path, MAX_BYTES).map_err(|error| match error.kind() {
         ErrorKind::InvalidInput => Diagnostics::of_file(&origin, ScenarioError::NoFile(error.to_string())),
-        ErrorKind::NotFound => shipped::missing(sources, path),
+        ErrorKind::NotFound | ErrorKind::NotADirectory => shipped::missing(sources, path),
         ErrorKind::FileTooLarge => Diagnostics::of_file(&origin, ScenarioError::FileTooLarge),
         _ => Diagnostics::of_file(&origin, ScenarioError::Unreadable(error.to_string())),
     })?;
     String::from_utf8(bytes).map_err(|_| Diagnostics::of_file(&origin, ScenarioError::NotUtf8))
 }
 
-/// Reads and checks the text of a scenario; `origin` names it in messages.
+/// Reads a document of TOML, or the TOML value that a text in JSON became; syntax errors are noted.
+fn parse<'i>(text: &'i str, json: Option<&'i str>, diagnostics: &mut Diagnostics) -> Spanned<DeTable<'i>> {
+    let (document, errors) = match json {
+        None => DeTable::parse_recoverable(text),
+        Some(json) => {
+            let (value, errors) = DeValue::parse_recoverable(json);
+            let span = value.span();
+            match value.into_inner() {
+                DeValue::Table(table) => (Spanned::new(span, table), errors),
+                _ => (Spanned::new(span, DeTable::new()), errors),
+            }
+        }
+    };
+    for error in errors {
+        let message = error.message().to_owned();
+        let scenario_error =
+            if json.is_some() { ScenarioError::JsonSyntax(message) } else { ScenarioError::Syntax(message) };
+        match error.span() {
+            Some(span) => diagnostics.add(span, scenario_error),
+            None => diagnostics.add(diagnostics::Place::File, scenario_error),
+        }
+    }
+    document
+}
+
+/// Reads and checks the text of a scenario in TOML or JSON; `origin` names it in messages.
 pub fn read_text(
     families: Families,
     origin: &str,
     text: &str,
     overrides: &Overrides,
 ) -> Result<Plan, Diagnostics> {
+    // A value of TOML has no blanks around it.
+    let text = if json::is_json(text) { text.trim() } else { text };
     let mut diagnostics = Diagnostics::new(families, origin, text);
-    let (mut document, errors) = DeTable::parse_recoverable(text);
-    for error in errors {
-        let scenario_error = ScenarioError::Syntax(error.message().to_owned());
-        match error.span() {
-            Some(span) => diagnostics.add(span, scenario_error),
-            None => diagnostics.add(diagnostics::Place::File, scenario_error),
-        }
-    }
+    let json = json::is_json(text).then(|| json::as_toml(text));
+    let mut document = parse(text, json.as_deref(), &mut diagnostics);
     // A partly read document cannot be checked.
     if !diagnostics.is_empty() {
         return Err(diagnostics.sorted());

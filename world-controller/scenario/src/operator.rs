@@ -126,7 +126,7 @@ pub fn schema() -> Definitions {
     let choices = names(&Choice::ALL.map(|(name, _)| name));
     let levels = names(&Level::ALL.map(|(name, _)| name));
     let keys = json!({
-        "kind": or("scripted", names(&KINDS.map(|(name, _)| name))),
+        "kind": said("A script, or a person at the page.", or("scripted", names(&KINDS.map(|(name, _)| name)))),
         "look": said("The time between two looks.", or("1s", of("time"))),
         "notice": said("The time between seeing and noticing.", or("0.5s..2s", of("delay"))),
         "think": said("The time to think about one case.", or("1s..4s", of("delay"))),

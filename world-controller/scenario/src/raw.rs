@@ -292,6 +292,8 @@ impl Raw {
         ] {
             self.faults.extend(texts.iter().filter_map(|t| faults::read_option(verb, name, t, diagnostics)));
         }
+        let partitions = overrides.partition.iter();
+        self.faults.extend(partitions.filter_map(|text| faults::read_partition_option(text, diagnostics)));
         for (name, text, target) in [
             ("--loss", &overrides.loss, &mut self.link.loss),
             ("--dup", &overrides.duplicate, &mut self.link.duplicate),

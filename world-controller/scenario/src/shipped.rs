@@ -3,7 +3,7 @@
 
 use crate::diagnostics::Diagnostics;
 use crate::error::ScenarioError;
-use metamorph_text::sources::Sources;
+use metamorph_text::sources::{STANDARD_INPUT, Sources};
 use std::ffi::OsStr;
 use std::io;
 use std::path::{Component, Path, PathBuf};
@@ -163,11 +163,15 @@ pub fn find(sources: &dyn Sources, argument: &Path) -> Named {
     }
 }
 
-/// Returns true if an argument names a scenario, by its end or by its name, and not a journal.
+/// Returns true if an argument names a scenario, by its end or by its name, and not a journal. A file that is missing counts
+/// as a scenario unless its name ends in `.journal`.
 pub fn is_scenario(sources: &dyn Sources, argument: &Path) -> bool {
-    let is_toml = |path: &Path| path.extension().is_some_and(|end| end == "toml");
+    let ends_in =
+        |path: &Path, ends: &[&str]| path.extension().is_some_and(|end| ends.iter().any(|e| end == *e));
     match find(sources, argument) {
-        Named::File(path) => is_toml(&path),
+        Named::File(path) if path == Path::new(STANDARD_INPUT) => true,
+        Named::File(path) if sources.exists(&path) => ends_in(&path, &["toml", "json"]),
+        Named::File(path) => !ends_in(&path, &["journal"]),
         Named::Shipped(_) => true,
     }
 }

@@ -273,7 +273,7 @@ impl<'a> Parser<'a> {
         if self.accept(wanted) { Ok(()) } else { Err(self.expected(&format!("`{wanted}`"))) }
     }
 
-    fn word(&mut self) -> &'a str {
+    fn name(&mut self) -> &'a str {
         self.blanks();
         let rest = self.rest();
         let end = rest.find(|c: char| !c.is_ascii_alphanumeric() && c != '_' && c != '$');
@@ -301,7 +301,7 @@ impl<'a> Parser<'a> {
             return self.wrong(self.at, Why::TooMany("solids", MAX_CSG_PARTS));
         }
         let at = self.at;
-        let keyword = self.word();
+        let keyword = self.name();
         match keyword {
             "" => Err(self.expected("a solid such as `cube([4, 4, 2])`")),
             "cube" | "sphere" | "cylinder" | "torus" => self.arguments(at, keyword)?.primitive(),
@@ -360,13 +360,13 @@ impl<'a> Parser<'a> {
     fn argument(&mut self, arguments: &mut Arguments<'a>) -> Result<(), Wrong> {
         self.blanks();
         let at = self.at;
-        let word = self.word();
+        let word = self.name();
         let name = if self.accept('=') { Some(word) } else { None };
         if name.is_none() {
             self.at = at;
         }
         let value = self.at;
-        match (self.word(), name) {
+        match (self.name(), name) {
             (flag @ ("true" | "false"), None | Some("center")) => {
                 arguments.center = flag == "true";
                 return Ok(());

@@ -1,5 +1,5 @@
 //! Text in and out: where files come from, how numbers are written, how text from outside is made harmless, tables, colours, the progress
-//! line, and how a command fails. Nothing here asks the operating system.
+//! line, the version of the program, and how a command fails. Nothing here asks the operating system.
 
 pub mod command_error;
 pub mod escape;
@@ -8,3 +8,4 @@ pub mod paint;
 pub mod progress;
 pub mod sources;
 pub mod table;
+pub mod version;

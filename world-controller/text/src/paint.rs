@@ -12,18 +12,29 @@ const BAD: char = '\u{fdd1}';
 const STRONG: char = '\u{fdd2}';
 const PLAIN: char = '\u{fdd3}';
 
-/// Whether text is coloured.
+/// Whether text is coloured, and how wide tables may be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Paint {
     on: bool,
+    /// Characters of a line.
+    width: usize,
 }
 
 impl Paint {
-    /// No colours.
-    pub const PLAIN: Paint = Paint { on: false };
+    /// No colours, tables of any width.
+    pub const PLAIN: Paint = Paint { on: false, width: usize::MAX };
 
-    /// Colours.
-    pub const COLOURED: Paint = Paint { on: true };
+    /// Colours, tables of any width.
+    pub const COLOURED: Paint = Paint { on: true, width: usize::MAX };
+
+    /// Returns the same for lines of so many characters.
+    pub fn within(self, width: usize) -> Paint {
+        Paint { width, ..self }
+    }
+    /// Returns the number of characters of a line, which tables are folded to.
+    pub fn width(self) -> usize {
+        self.width
+    }
 
     fn wrap(self, mark: char, text: &str) -> String {
         if self.on { format!("{mark}{text}{PLAIN}") } else { text.to_owned() }
@@ -60,7 +71,7 @@ mod tests {
 
     #[test]
     fn only_our_colours_reach_a_terminal() {
-        let on = Paint { on: true };
+        let on = Paint::COLOURED;
         let hostile = "a\x1b[2Jb\u{9b}31mc\u{202e}d\n";
         let escaped = "a\\u{1b}[2Jb\\u{9b}31mc\\u{202e}d\n";
         for paint in [on, Paint::PLAIN] {

@@ -92,9 +92,11 @@ impl ProgressLine {
             parts.push(format!("slowed to {:.0}%", (status.speed * 100.0).max(1.0)));
         }
         let filling = rate(status.filled, filled);
-        if span >= LEARNING.as_secs_f64() && filling > 0.0 && status.filled < status.goal {
-            parts.push(format!("{} left", seconds((status.goal - status.filled) as f64 / filling)));
-        }
+        // The field stays while nothing is known, so that those behind it do not jump.
+        let missing = status.goal.saturating_sub(status.filled);
+        let is_known = span >= LEARNING.as_secs_f64() && filling > 0.0 || missing == 0;
+        let left = is_known.then(|| seconds(missing as f64 / filling.max(f64::MIN_POSITIVE)));
+        parts.push(format!("{} left", left.as_deref().unwrap_or("?")));
         parts.push(format!("at {}", seconds(status.now_s)));
         parts.push(many(status.moves, "move"));
         if let Some(now) = status.messages {
@@ -135,13 +137,13 @@ mod tests {
         let (mut progress_line, at) = (ProgressLine::default(), Duration::from_secs);
         let first = progress_line.line(at(0), &status(0, Some(0)), 200);
         assert!(first.starts_with("[··········]   0%  0 of 400 cells  1,000 alive"), "{first}");
-        assert!(!first.contains("left"), "{first}");
+        assert!(first.contains("? left"), "{first}");
         for second in 1..30 {
             progress_line.line(at(second), &status(100, Some(second * 1_000)), 200);
         }
         // Nothing was filled for ten seconds: no estimate.
         let still = progress_line.line(at(30), &status(100, Some(30_000)), 200);
-        assert!(still.contains("1,000 messages/s") && !still.contains("left"), "{still}");
+        assert!(still.contains("1,000 messages/s") && still.contains("? left"), "{still}");
         let line = progress_line.line(at(31), &status(200, Some(41_000)), 200);
         assert!(line.starts_with("[#####·····]  50%  200 of 400 cells"), "{line}");
         assert!(line.contains("20.0 s left  at 12.5 s  77 moves  2,000 messages/s"), "{line}");
@@ -156,7 +158,7 @@ mod tests {
         assert!(line.contains("0%  goal 2 of 3") && !line.contains("messages"), "{line}");
         assert!(line.chars().count() <= 60 && line.ends_with("alive"), "{line}");
         let full = progress_line.line(Duration::from_secs(9), &status(400, None), 300);
-        assert!(full.starts_with("[##########] 100%  400 of 400") && !full.contains("left"), "{full}");
+        assert!(full.starts_with("[##########] 100%  400 of 400") && full.contains("0.0 s left"), "{full}");
     }
 
     /// The widest line: most modules, most goals, longest times.

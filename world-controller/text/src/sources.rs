@@ -4,6 +4,9 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+/// Stands for standard input where a command line names a file to be read.
+pub const STANDARD_INPUT: &str = "-";
+
 /// Gives the content of files by their paths.
 ///
 /// Implementations return the same bytes for the same path as long as a scenario is being read. A path may be relative; the
@@ -17,7 +20,7 @@ pub trait Sources: Sync {
     fn read(&self, path: &Path, limit: u64) -> io::Result<Vec<u8>>;
 
     /// Returns the content of a file that a person names on a command line, which may be an open descriptor
-    /// (`/dev/stdin`); otherwise like [`read`](Sources::read).
+    /// (`/dev/fd/3`) or [`STANDARD_INPUT`]; otherwise like [`read`](Sources::read).
     ///
     /// # Errors
     /// As those of [`read`](Sources::read).

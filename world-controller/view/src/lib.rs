@@ -12,6 +12,7 @@ pub mod access;
 pub mod control;
 pub mod export;
 pub mod http;
+mod mp4;
 pub mod request;
 pub mod saved;
 pub mod server;

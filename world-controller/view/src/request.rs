@@ -1,6 +1,7 @@
 //! A request for a figure of a run: the options of `render`, which the page that shows a run sends as a query. Both
 //! are answered by [`file`], so that a picture that the page saves is the one that `render` writes.
 
+use crate::mp4;
 use clap::{ArgAction, Args, CommandFactory, FromArgMatches, Parser, ValueEnum};
 use metamorph_protocol::time::{Span, SpanError, Time};
 use metamorph_scenario::quote;
@@ -12,6 +13,7 @@ use metamorph_scene::figure::options::{
     ColorBy, GoalStyle, Labels, Links, Moment, Only, Section, Style, Width,
 };
 use metamorph_scene::figure::palette::Theme;
+use metamorph_scene::figure::pdf::pdf;
 use metamorph_scene::figure::picture::Picture;
 use metamorph_scene::figure::{Figure, FigureError, raster};
 use metamorph_scene::scene::Scene;
@@ -104,35 +106,60 @@ fn switch(text: &str) -> Result<bool, &'static str> {
 pub enum Kind {
     /// Vectors.
     Svg,
+    /// Vectors on a page.
+    Pdf,
     /// Pixels.
     Png,
     /// A moving picture.
-    Moving(Format),
+    Moving(Film),
+}
+
+/// Format of a moving picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Film {
+    /// A picture of one palette.
+    Palette(Format),
+    /// A film that ffmpeg makes.
+    Mp4,
 }
 
 impl Kind {
+    /// All kinds.
+    const ALL: [Kind; 6] = [
+        Kind::Svg,
+        Kind::Pdf,
+        Kind::Png,
+        Kind::Moving(Film::Palette(Format::Gif)),
+        Kind::Moving(Film::Palette(Format::Apng)),
+        Kind::Moving(Film::Mp4),
+    ];
+
+    /// Returns how the names of its files end, and the type of its content.
+    fn names(self) -> (&'static str, &'static str) {
+        match self {
+            Kind::Svg => ("svg", "image/svg+xml"),
+            Kind::Pdf => ("pdf", "application/pdf"),
+            Kind::Png => ("png", "image/png"),
+            Kind::Moving(Film::Palette(Format::Gif)) => ("gif", "image/gif"),
+            Kind::Moving(Film::Palette(Format::Apng)) => ("apng", "image/apng"),
+            Kind::Moving(Film::Mp4) => ("mp4", "video/mp4"),
+        }
+    }
     /// Returns how the names of its files end.
     pub fn extension(self) -> &'static str {
-        match self {
-            Kind::Svg => "svg",
-            Kind::Png => "png",
-            Kind::Moving(Format::Gif) => "gif",
-            Kind::Moving(Format::Apng) => "apng",
-        }
+        self.names().0
     }
     /// Returns the type of its content.
     pub fn content_type(self) -> &'static str {
-        match self {
-            Kind::Svg => "image/svg+xml",
-            Kind::Png => "image/png",
-            Kind::Moving(Format::Gif) => "image/gif",
-            Kind::Moving(Format::Apng) => "image/apng",
-        }
+        self.names().1
     }
     /// Returns the kind of files whose names end so.
     pub fn of_extension(extension: &str) -> Option<Kind> {
-        let kinds = [Kind::Svg, Kind::Png, Kind::Moving(Format::Gif), Kind::Moving(Format::Apng)];
-        kinds.into_iter().find(|kind| kind.extension() == extension)
+        Kind::ALL.into_iter().find(|kind| kind.extension() == extension)
+    }
+    /// Returns true if it shows one moment.
+    pub fn is_still(self) -> bool {
+        !matches!(self, Kind::Moving(_))
     }
 }
 
@@ -352,12 +379,19 @@ pub fn file(
             let (data, [width, height]) = png(&figure, &figure.still(at)?, &style)?;
             (data, format!("at {time}, {width} × {height} pixels"))
         }
-        (Kind::Svg | Kind::Png, Some(_)) => return Err(FigureError::Every),
+        (Kind::Pdf, None) => (pdf(&figure.still(at)?)?, format!("at {time}")),
+        (Kind::Svg | Kind::Pdf | Kind::Png, Some(_)) => return Err(FigureError::Every),
         (Kind::Moving(_), None) => return Err(FigureError::NoEvery),
         (Kind::Moving(_), _) if style.theme == Theme::Transparent => return Err(FigureError::Transparent),
-        (Kind::Moving(format), Some(every)) => {
-            let mut data = Vec::new();
-            let frames = figure.animate(format, every, at, request.fps, going, &mut data)?;
+        (Kind::Moving(film), Some(every)) => {
+            let (data, frames) = match film {
+                Film::Palette(format) => {
+                    let mut data = Vec::new();
+                    let frames = figure.animate(format, every, at, request.fps, going, &mut data)?;
+                    (data, frames)
+                }
+                Film::Mp4 => mp4::mp4(&figure, every, at, request.fps, going)?,
+            };
             (data, format!("until {time}, {}", many(frames.into(), "frame")))
         }
     };

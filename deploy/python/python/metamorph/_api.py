@@ -74,21 +74,16 @@ class Scenario:
         return self._of(self._origin, self._text, (*self._settings, _setting(key, value)), self._faults)
 
     def with_fault(self, fault: str) -> Scenario:
-        """Returns a copy with one more fault: `kill 7@2s`, `restart 7@3s` or `pause 7@1s..2s`."""
+        """Returns a copy with one more fault: `kill 7@2s`, `restart 7@3s`, `pause 7@1s..2s` or `partition 7,8@1s..2s`."""
         verb, _, _ = fault.partition(" ")
-        if verb not in ("kill", "restart", "pause"):
-            raise ValueError(f"`{fault}` is no fault; write `kill 7@2s`, `restart 7@3s` or `pause 7@1s..2s`")
+        if verb not in ("kill", "restart", "pause", "partition"):
+            forms = "`kill 7@2s`, `restart 7@3s`, `pause 7@1s..2s` or `partition 7,8@1s..2s`"
+            raise ValueError(f"`{fault}` is no fault; write {forms}")
         return self._of(self._origin, self._text, self._settings, (*self._faults, fault))
 
     def _plan(self, seed: Optional[int] = None, protocol: Optional[_native.Protocol] = None) -> _native.Plan:
         settings = [*self._settings, *([_OF_PYTHON] if protocol is not None else [])]
-
-        def faults(verb: str) -> list[str]:
-            return [f.partition(" ")[2].strip() for f in self._faults if f.startswith(verb + " ")]
-
-        return _native.Plan(
-            self._origin, self._text, settings, seed, faults("kill"), faults("pause"), faults("restart"), protocol
-        )
+        return _native.Plan(self._origin, self._text, settings, list(self._faults), seed, protocol)
 
     @property
     def name(self) -> str:
@@ -420,8 +415,6 @@ def sweep(
     if not numbers or numbers != list(range(numbers[0], numbers[0] + len(numbers))):
         raise ValueError("seeds must be consecutive, such as range(100)")
     chosen = _scenario(scenario, set)
-    if chosen._faults:
-        raise ValueError("a scenario with added faults cannot be swept; write them as [[fault]] in its text")
     axes = [(key, [_setting("", value)[1:] for value in values]) for key, values in (vary or {}).items()]
     for key, values in axes:
         if not values:
@@ -430,10 +423,12 @@ def sweep(
     of_python = [_OF_PYTHON] if protocol is not None else []
     fixed = [tuple(s.split("=", 1)) for s in [*chosen._settings, *of_python]]
     all_axes = [(key, [value]) for key, value in fixed] + axes
-    manifest = _native.manifest(chosen._origin, chosen._text, (numbers[0], numbers[-1] + 1), all_axes)
+    manifest = _native.manifest(
+        chosen._origin, chosen._text, list(chosen._faults), (numbers[0], numbers[-1] + 1), all_axes
+    )
     if protocol is not None:
         _given(protocol, until, (), None)
-        work = Work(chosen._origin, chosen._text, all_axes, protocol, until)
+        work = Work(chosen._origin, chosen._text, list(chosen._faults), all_axes, protocol, until)
         done = None if progress is None else lambda done, total: progress(Progress(done, total))
         lines = rows(work, numbers, jobs or len(os.sched_getaffinity(0)), done)
         return Sweep(lines, len(all_axes), manifest)
@@ -441,6 +436,7 @@ def sweep(
     text = _native.sweep(
         chosen._origin,
         chosen._text,
+        list(chosen._faults),
         (numbers[0], numbers[0] + len(numbers)),
         all_axes,
         jobs or len(os.sched_getaffinity(0)),

@@ -80,7 +80,7 @@ def render(
         keys, or a :class:`Simulation`, which is drawn at its present time.
     :param out: a file to write as well; its name says the format.
     :param seed: the seed of a scenario.
-    :param format: the format without `out`: svg, png, gif or apng.
+    :param format: the format without `out`: svg, pdf, png, gif, apng or mp4.
     :param options: those of the command, such as `at="50%"`, `camera="top"`, `section=["x<11"]`, `legend=False`.
     """
     words = _options(options)
@@ -112,8 +112,6 @@ def _written(scenario: Scenario, directory: Path) -> tuple[str, list[str]]:
     words = [f"--set={setting}" for setting in scenario._settings]
     for fault in scenario._faults:
         verb, _, what = fault.partition(" ")
-        if verb == "restart":
-            raise ValueError("a figure cannot have an added restart; write it as [[fault]] in the scenario")
         words.append(f"--{verb}={what}")
     return file, words
 

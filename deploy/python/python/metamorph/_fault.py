@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Optional
+from typing import Iterable, Optional
 
 from ._time import Duration, nanoseconds
 
@@ -16,11 +16,15 @@ class Fault(str):
 
     __slots__ = ()
 
-    @classmethod
-    def _of(cls, verb: str, module: int, at: Optional[Duration] = None, until: Optional[Duration] = None) -> Fault:
+    @staticmethod
+    def _number(module: int) -> int:
         if isinstance(module, bool) or int(module) != module or module < 0:
             raise ValueError(f"{module!r} is no module; they are numbered from 0")
-        text = f"{verb} {int(module)}"
+        return int(module)
+
+    @classmethod
+    def _of(cls, verb: str, module: int, at: Optional[Duration] = None, until: Optional[Duration] = None) -> Fault:
+        text = f"{verb} {cls._number(module)}"
         if at is not None:
             text += f"@{nanoseconds(at)}ns"
         if until is not None:
@@ -43,6 +47,15 @@ class Fault(str):
         if (at is None) != (until is None):
             raise ValueError("a planned pause needs `at` and `until`; one that is injected has neither")
         return cls._of("pause", module, at, until)
+
+    @classmethod
+    def partition_of(cls, modules: Iterable[int], at: Duration, until: Duration) -> Fault:
+        """The modules are cut off from all others for a while. Text has a method `partition` of its own."""
+        numbers = [cls._number(module) for module in modules]
+        if not numbers:
+            raise ValueError("a partition needs at least one module")
+        listed = ",".join(str(number) for number in numbers)
+        return cls(f"partition {listed}@{nanoseconds(at)}ns..{nanoseconds(until)}ns")
 
     @classmethod
     def resume(cls, module: int) -> Fault:

@@ -33,13 +33,16 @@ def run(plan: Plan, journal: Optional[str], timeout_s: Optional[float]) -> str: 
 def sweep(
     origin: str,
     text: str,
+    faults: list[str],
     seeds: tuple[int, int],
     vary: list[tuple[str, list[str]]],
     jobs: int,
     progress: Optional[Callable[[int, int], object]],
     protocol: Optional[Protocol],
 ) -> str: ...
-def manifest(origin: str, text: str, seeds: tuple[int, int], vary: list[tuple[str, list[str]]]) -> str: ...
+def manifest(
+    origin: str, text: str, faults: list[str], seeds: tuple[int, int], vary: list[tuple[str, list[str]]]
+) -> str: ...
 def check_message(class_: type) -> None: ...
 def state_parts(object: object, has_state: bool) -> list[tuple[str, bytes]]: ...
 @final
@@ -107,10 +110,8 @@ class Plan:
         origin: str,
         text: str,
         settings: list[str],
+        faults: list[str],
         seed: Optional[int],
-        kill: list[str],
-        pause: list[str],
-        restart: list[str],
         protocol: Optional[Protocol],
     ) -> Plan: ...
     def with_seed(self, seed: int) -> Plan: ...

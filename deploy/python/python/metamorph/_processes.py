@@ -22,6 +22,7 @@ class Work(NamedTuple):
 
     origin: str
     text: str
+    faults: list[str]
     axes: list[tuple[str, list[str]]]
     protocol: type[Protocol]
     until: Optional[Until]
@@ -44,7 +45,7 @@ def must_be_importable(*given: object) -> None:
 def part(work: Work, first: int, last: int) -> str:
     """The rows of some seeds; called in a process of its own."""
     given = _native.Protocol(work.protocol, work.until, [], None)
-    return _native.sweep(work.origin, work.text, (first, last), work.axes, 1, None, given)
+    return _native.sweep(work.origin, work.text, work.faults, (first, last), work.axes, 1, None, given)
 
 
 def rows(

@@ -22,7 +22,7 @@ use metamorph_world_controller::report::run_result::RunResult;
 use metamorph_world_controller::run::runnable::{Runnable, stage};
 use metamorph_world_controller::scenario::Plan;
 use metamorph_world_controller::scenario::bounds::Bounds;
-use metamorph_world_controller::scenario::definitions::{of, or, seldom, table};
+use metamorph_world_controller::scenario::definitions::{of, or, said, seldom, table};
 use metamorph_world_controller::scenario::diagnostics::{At, Diagnostics, Place};
 use metamorph_world_controller::scenario::error::ScenarioError;
 use metamorph_world_controller::scenario::family::{
@@ -143,9 +143,9 @@ impl ScenarioFamily for PythonFamily {
                 &["start"],
                 json!({
                     "family": { "const": NAME },
-                    "start": of("shape"),
-                    "move_time": or(BEAT.to_string(), of("time")),
-                    "failed_connections": seldom(),
+                    "start": said("The cells of the modules at the start.", of("shape")),
+                    "move_time": said("How long a move takes.", or(BEAT.to_string(), of("time"))),
+                    "failed_connections": seldom("How often a move fails."),
                 }),
             ),
             goal: table("There are none.", &[], json!({})),

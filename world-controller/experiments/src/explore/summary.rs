@@ -228,7 +228,7 @@ impl Summary {
         let never = CoveragePoint::ALL.iter().filter(|m| explored(m) && !tallies.marks.contains_key(m));
         Summary {
             schema: SCHEMA,
-            version: env!("CARGO_PKG_VERSION").to_owned(),
+            version: metamorph_text::version::version().to_owned(),
             seed,
             family: family.map(|family| family.name()),
             runs: tallies.runs,

@@ -111,13 +111,15 @@ pub struct Scenario {
     pub origin: String,
     /// The text.
     pub text: String,
+    /// Its changes, in all runs.
+    pub overrides: Overrides,
 }
 
 impl Scenario {
     /// Returns the plan of a combination, for any seed.
     pub fn plan(&self, grid: &Grid, combination: u64) -> Result<Plan, Diagnostics> {
-        let settings = grid.settings(combination);
-        let overrides = Overrides { link: LinkKind::Sim, settings, ..Overrides::default() };
+        let mut overrides = Overrides { link: LinkKind::Sim, ..self.overrides.clone() };
+        overrides.settings.extend(grid.settings(combination));
         read_text(&self.origin, &self.text, &overrides)
     }
 
@@ -137,7 +139,7 @@ impl Scenario {
 
     /// Returns the manifest that identifies a sweep of this scenario.
     pub fn manifest(&self, grid: &Grid) -> Manifest {
-        Manifest::new(&self.name(), &self.text, grid)
+        Manifest::new(&self.name(), &self.text, self.overrides.options(), grid)
     }
 
     /// Returns the scenario's name for output that is passed on.
@@ -163,15 +165,19 @@ impl Scenario {
         let mut words = vec!["metamorph".to_owned(), "sweep".to_owned(), quote(file)];
         words.extend(["--seeds".to_owned(), grid.seeds.to_string()]);
         words.extend(grid.vary.iter().flat_map(|v| ["--vary".to_owned(), quote(v.to_string())]));
+        words.extend(self.overrides.options().into_iter().map(quote));
         words.join(" ")
     }
 
     /// Returns the command that repeats one run.
     pub fn repeat(&self, grid: &Grid, run: u64) -> String {
+        let changes = self.overrides.options().into_iter().map(quote);
         let settings = options(grid, grid.combination(run), "--set");
-        let space = if settings.is_empty() { "" } else { " " };
+        let options: Vec<String> =
+            changes.chain(Some(settings)).filter(|option| !option.is_empty()).collect();
+        let space = if options.is_empty() { "" } else { " " };
         let (file, seed) = (quote(self.origin.clone()), grid.seed(run));
-        format!("metamorph run {file} --link sim --seed {seed}{space}{settings}")
+        format!("metamorph run {file} --link sim --seed {seed}{space}{}", options.join(" "))
     }
 }
 
@@ -190,6 +196,8 @@ pub struct Request {
     pub seeds: String,
     /// The varied keys: `KEY=VALUE,VALUE`.
     pub vary: Vec<String>,
+    /// The changes of the scenario, in all runs.
+    pub overrides: Overrides,
     /// Number of threads.
     pub jobs: NonZeroUsize,
     /// The directory for the results.
@@ -203,7 +211,7 @@ pub struct Request {
 /// Executes the request, and returns the exit code.
 pub fn sweep(request: &Request) -> Result<u8, SweepError> {
     let Loaded { origin, text } = load(sources(), &request.scenario).map_err(SweepError::Scenario)?;
-    let scenario = Scenario { origin, text };
+    let scenario = Scenario { origin, text, overrides: request.overrides.clone() };
     let vary = request.vary.iter().map(|text| Axis::parse(text)).collect::<Result<Vec<_>, _>>()?;
     let grid = Grid::new(Seeds::parse(&request.seeds)?, vary)?;
     scenario.check(&grid)?;

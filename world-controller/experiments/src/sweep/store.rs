@@ -22,7 +22,7 @@ use thiserror::Error;
 /// The name of the format.
 const FORMAT: &str = "metamorph-sweep";
 /// The version of the directory's layout, `runs.csv` included.
-pub const VERSION: u32 = 4;
+pub const VERSION: u32 = 5;
 /// File name of the manifest.
 const MANIFEST: &str = "manifest.json";
 /// File name of the runs.
@@ -56,7 +56,7 @@ pub enum StoreError {
     },
     /// The manifest has another version.
     #[error("{}: the sweep has format version {found}; this program (metamorph {program}) reads version {VERSION}\n  fix: resume with the program that started it, or start anew in another directory",
-        .path.shown(), program = env!("CARGO_PKG_VERSION"))]
+        .path.shown(), program = metamorph_text::version::version())]
     Version {
         /// The file.
         path: PathBuf,
@@ -120,6 +120,8 @@ pub struct Manifest {
     scenario: String,
     /// The text of the scenario.
     text: String,
+    /// The options that change it in all runs.
+    options: Vec<String>,
     /// All runs.
     #[serde(flatten)]
     grid: Grid,
@@ -138,13 +140,14 @@ impl Manifest {
         json(self) + "\n"
     }
     /// Creates the manifest of a sweep of this program.
-    pub fn new(scenario: &str, text: &str, grid: &Grid) -> Manifest {
+    pub fn new(scenario: &str, text: &str, options: Vec<String>, grid: &Grid) -> Manifest {
         Manifest {
             format: FORMAT.to_owned(),
             version: VERSION,
-            program: env!("CARGO_PKG_VERSION").to_owned(),
+            program: metamorph_text::version::version().to_owned(),
             scenario: scenario.to_owned(),
             text: text.to_owned(),
+            options,
             grid: grid.clone(),
         }
     }
@@ -181,6 +184,11 @@ impl Manifest {
         if self.text != ours.text {
             let name = |m: &Manifest| format!("the text of {} as it was given then", m.scenario);
             return differ("another scenario", name(self), format!("that of {} now", ours.scenario));
+        }
+        if self.options != ours.options {
+            let options =
+                |m: &Manifest| if m.options.is_empty() { "none".to_owned() } else { m.options.join(" ") };
+            return differ("other options of the scenario", options(self), options(ours));
         }
         if self.grid.vary != ours.grid.vary {
             return differ("other variations", vary(self), vary(ours));
@@ -372,7 +380,7 @@ mod tests {
         Grid::new(Seeds { from: 10, until: 13 }, vary).unwrap()
     }
     fn manifest() -> Manifest {
-        Manifest::new("a.toml", "version = 1\n", &grid())
+        Manifest::new("a.toml", "version = 1\n", Vec::new(), &grid())
     }
     fn write(store: &mut Store, runs: &[u64]) {
         for run in runs {
@@ -456,12 +464,23 @@ mod tests {
         };
         refused(&manifest(), "another sweep is writing there");
         drop(store);
-        resume(&Manifest::new("elsewhere/a.toml", "version = 1\n", &grid())).unwrap();
-        refused(&Manifest::new("a.toml", "version = 1 \n", &grid()), "another scenario");
+        resume(&Manifest::new("elsewhere/a.toml", "version = 1\n", Vec::new(), &grid())).unwrap();
+        refused(&Manifest::new("a.toml", "version = 1 \n", Vec::new(), &grid()), "another scenario");
         let more = Grid { seeds: Seeds { from: 10, until: 14 }, ..grid() };
-        refused(&Manifest::new("a.toml", "version = 1\n", &more), "other seeds: 10..13 there, 10..14 here");
+        refused(
+            &Manifest::new("a.toml", "version = 1\n", Vec::new(), &more),
+            "other seeds: 10..13 there, 10..14 here",
+        );
         let none = Grid { vary: vec![], ..grid() };
-        refused(&Manifest::new("a.toml", "version = 1\n", &none), "--vary link.loss=0%,5% there, none here");
+        refused(
+            &Manifest::new("a.toml", "version = 1\n", Vec::new(), &none),
+            "--vary link.loss=0%,5% there, none here",
+        );
+        let options = vec!["--kill".to_owned(), "3@2s".to_owned()];
+        refused(
+            &Manifest { options, ..manifest() },
+            "other options of the scenario: none there, --kill 3@2s here",
+        );
         refused(&Manifest { program: "9.9.9".into(), ..manifest() }, "another version of metamorph");
         let path = dir.path().join(MANIFEST);
         let text = fs::read_to_string(&path).unwrap();

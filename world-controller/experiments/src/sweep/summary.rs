@@ -118,7 +118,7 @@ impl Tallies {
         let combination = |(i, tally): (u64, Tally)| tally.summary(grid.values(i));
         Summary {
             schema: SCHEMA,
-            version: env!("CARGO_PKG_VERSION").to_owned(),
+            version: metamorph_text::version::version().to_owned(),
             scenario: scenario.to_owned(),
             seeds: grid.seeds,
             vary: grid.vary.clone(),

@@ -14,10 +14,10 @@ pub fn schema() -> FamilySchema {
             "Cubes that slide over each other.",
             &["start"],
             json!({
-                "family": or(super::NAME, json!({ "const": super::NAME })),
-                "start": of("shape"),
-                "move_time": or(BEAT.to_string(), of("time")),
-                "failed_connections": seldom(),
+                "family": said("The kind of modules.", or(super::NAME, json!({ "const": super::NAME }))),
+                "start": said("The cells of the modules at the start; modules are numbered from 0.", of("shape")),
+                "move_time": said("How long a move takes.", or(BEAT.to_string(), of("time"))),
+                "failed_connections": seldom("How often a move or a connection fails."),
             }),
         ),
         goal: table(
@@ -25,7 +25,7 @@ pub fn schema() -> FamilySchema {
             &["shape"],
             json!({
                 "name": said(NUMBERED, text()),
-                "shape": of("shape"),
+                "shape": said("The cells to be filled.", of("shape")),
                 "seed": said(
                     "The growth seed: the cell where growth begins. If left out, the occupied cell of the goal nearest to \
                      its centre; of a scaffold, one from which it fills most of the shape.",
@@ -42,9 +42,13 @@ pub fn schema() -> FamilySchema {
             "How cubes decide.",
             &[],
             json!({
-                "connectivity": one_of(&CONNECTIVITY),
-                "dead": or(DEAD[0].0, json!({ "const": DEAD[0].0 })),
-                "co_owners": or(CO_OWNERS, json!({ "type": "boolean" })),
+                "connectivity": said(
+                    "How a module makes sure that nothing falls apart when it leaves: forest asks a tree of all modules, cycles looks for \
+                     a way around, gradient is the published rule, which is unsafe when messages are late.",
+                    one_of(&CONNECTIVITY),
+                ),
+                "dead": said("What modules do beside a dead one: hold it.", or(DEAD[0].0, json!({ "const": DEAD[0].0 }))),
+                "co_owners": said("Whether all neighbours of a cell are asked for it, or one.", or(CO_OWNERS, json!({ "type": "boolean" }))),
             }),
         ),
         shapes: &KINDS,

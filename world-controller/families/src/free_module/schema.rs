@@ -38,7 +38,7 @@ fn swarm() -> Value {
         "Single Roombots modules that form one structure: at most 16 on the lattice, and 256 that walk.",
         &["family", "start"],
         json!({
-            "family": { "const": super::NAME },
+            "family": said("The kind of modules.", json!({ "const": super::NAME })),
             "body": said("The model of bodies: on the lattice, or rigid bodies that walk.", or(BODY, names(&[BODY, walking::BODY]))),
             "start": said(&format!("{SHAPES}. With body physics: {}, or a structure file.", named::NAMES.join(", ")), text()),
             "types": said(
@@ -50,7 +50,7 @@ fn swarm() -> Value {
                 json!({ "type": "array", "items": angles }),
             ),
             "turn_time": said("The duration of a step of a joint, and of a connection.", or(BEAT.to_string(), of("time"))),
-            "failed_connections": seldom(),
+            "failed_connections": seldom("How often a move or a connection fails."),
         }),
     );
     add(&mut swarm, walking::schema::swarm());

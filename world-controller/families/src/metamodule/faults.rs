@@ -2,7 +2,7 @@
 
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::elements::MAX_ELEMENTS;
-use metamorph_scenario::definitions::{fault, for_good, natural, of};
+use metamorph_scenario::definitions::{fault, for_good, natural, of, said};
 use metamorph_scenario::diagnostics::Diagnostics;
 use metamorph_scenario::error::ScenarioError;
 use metamorph_scenario::family::WorldFaultKind;
@@ -39,7 +39,7 @@ fn element(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Target> {
 }
 
 fn drop_schema() -> Value {
-    let more = json!({ "drop": natural() });
+    let more = json!({ "drop": said("The number of the element.", natural()) });
     fault("All latches on an element open by themselves, and it falls.", DROP_KIND.key, &["at"], more)
 }
 
@@ -55,6 +55,6 @@ fn obstacle(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Target> {
 }
 
 fn obstacle_schema() -> Value {
-    let more = json!({ "obstacle": of("cell"), "until": for_good() });
+    let more = json!({ "obstacle": said("The cell.", of("cell")), "until": for_good() });
     fault("A foreign object enters a cell.", OBSTACLE_KIND.key, &["at"], more)
 }

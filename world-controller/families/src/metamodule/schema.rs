@@ -52,18 +52,18 @@ fn swarm() -> Value {
         "Two Roombots modules each, which walk over a floor of connectors.",
         &["family"],
         json!({
-            "family": { "const": super::NAME },
-            "kind": or(KIND.name(), names(&Kind::METAMODULES.map(Kind::name))),
+            "family": said("The kind of modules.", json!({ "const": super::NAME })),
+            "kind": said("How the two modules of a metamodule are joined.", or(KIND.name(), names(&Kind::METAMODULES.map(Kind::name)))),
             "count": said(
                 "Default: the length of `start`, or one for each seed of the largest goal.",
                 json!({ "type": "integer", "minimum": 1, "maximum": MAX_METAMODULES }),
             ),
-            "floor": or(json!({ "min": FLOOR.min, "max": FLOOR.max }), of("floor")),
+            "floor": said("The connectors of the floor.", or(json!({ "min": FLOOR.min, "max": FLOOR.max }), of("floor"))),
             "communication_range": said("The communication range in connectors.", range.clone()),
             "hearing": former("communication_range", range),
             "start": said("Drawn from the seed of the run, on the whole floor or in an area of it, or a list.", or("random", start)),
-            "turn_time": or(BEAT.to_string(), of("time")),
-            "failed_connections": seldom(),
+            "turn_time": said("How long a step of a joint takes, and a connection.", or(BEAT.to_string(), of("time"))),
+            "failed_connections": seldom("How often a move or a connection fails."),
             "element": said(
                 "Passive elements that metamodules carry, with `strategy = \"planned\"`. If left out, there are none.",
                 json!({ "type": "array", "maxItems": MAX_ELEMENTS, "items": of("element") }),
@@ -78,7 +78,11 @@ fn protocol() -> Value {
         "How metamodules decide.",
         &[],
         json!({
-            "strategy": or(Strategy::default().name(), names(&Strategy::ALL.map(Strategy::name))),
+            "strategy": said(
+                "How metamodules choose their moves: towards the nearest seed (greedy), by the slope or the step of a field, by plans that they \
+                 negotiate, or by one plan of the controller.",
+                or(Strategy::default().name(), names(&Strategy::ALL.map(Strategy::name))),
+            ),
             "precedence": said(
                 "Which of two close together goes first, with `greedy`, `slope` and `step`. Default: within 4 by seed-distance for `greedy`, `off` for the others.",
                 json!({ "anyOf": [{ "const": "off" }, of("precedence")] }),
@@ -96,7 +100,7 @@ fn protocol() -> Value {
                 "How long it waits for the answer before it goes on by itself. Default: three times the patience of metamodules.",
                 of("time"),
             ),
-            "seed_authority": one_of(&SEED_AUTHORITIES),
+            "seed_authority": said("The authority that opens seeds.", one_of(&SEED_AUTHORITIES)),
             "teller": former("seed_authority", one_of(&SEED_AUTHORITIES)),
             "relocate": said(
                 "Whether a goal that cannot be built in place is moved.",
@@ -123,7 +127,10 @@ fn definitions() -> Vec<(&'static str, Value)> {
             table(
                 &format!("Both corners belong to it; at most {MAX_FLOOR} connectors along each side."),
                 &["min", "max"],
-                json!({ "min": of("connector"), "max": of("connector") }),
+                json!({
+                    "min": said("The corner with the smallest coordinates.", of("connector")),
+                    "max": said("The corner with the largest coordinates.", of("connector")),
+                }),
             ),
         ),
         (
@@ -132,8 +139,8 @@ fn definitions() -> Vec<(&'static str, Value)> {
                 "The start of a metamodule: a connector, and quarter turns.",
                 &["at"],
                 json!({
-                    "at": of("connector"),
-                    "class": or(CLASS, json!({ "type": "integer", "minimum": 0, "maximum": 3 })),
+                    "at": said("The connector of the floor.", of("connector")),
+                    "class": said("Quarter turns about the connector.", or(CLASS, json!({ "type": "integer", "minimum": 0, "maximum": 3 }))),
                 }),
             ),
         ),
@@ -142,7 +149,10 @@ fn definitions() -> Vec<(&'static str, Value)> {
             one_of_its_keys(table(
                 "A goal of the thesis, by the corner of its place.",
                 &[],
-                json!({ "box": of("connector"), "chair": of("connector") }),
+                json!({
+                    "box": said("The box of the thesis, with its corner at this connector.", of("connector")),
+                    "chair": said("The chair of the thesis, with its corner at this connector.", of("connector")),
+                }),
             )),
         ),
         (
@@ -169,7 +179,10 @@ fn definitions() -> Vec<(&'static str, Value)> {
             table(
                 "The cell where cell (0, 0, 0) of an element is, and where its z and x axes point.",
                 &["cell"],
-                json!({ "cell": of("cell"), "turn": or(TURN, text()) }),
+                json!({
+                    "cell": said("Where cell (0, 0, 0) is.", of("cell")),
+                    "turn": said("Where its z axis and its x axis point.", or(TURN, text())),
+                }),
             ),
         ),
         (
@@ -178,8 +191,8 @@ fn definitions() -> Vec<(&'static str, Value)> {
                 "A connector, and the directions from cell to cell.",
                 &["foot", "directions"],
                 json!({
-                    "foot": of("connector"),
-                    "directions": { "type": "array", "minItems": 3, "maxItems": 3, "items": direction },
+                    "foot": said("The connector of the floor.", of("connector")),
+                    "directions": said("From each cell to the next.", json!({ "type": "array", "minItems": 3, "maxItems": 3, "items": direction })),
                 }),
             ),
         ),
@@ -189,8 +202,8 @@ fn definitions() -> Vec<(&'static str, Value)> {
                 "Of two metamodules within this many connectors the one nearer to an open seed, or with the smaller id, goes first.",
                 &["within", "by"],
                 json!({
-                    "within": { "type": "integer", "minimum": 1, "maximum": MAX_COMMUNICATION_RANGE },
-                    "by": names(&PrecedenceBy::ALL.map(PrecedenceBy::name)),
+                    "within": said("The distance in connectors.", json!({ "type": "integer", "minimum": 1, "maximum": MAX_COMMUNICATION_RANGE })),
+                    "by": said("What decides.", names(&PrecedenceBy::ALL.map(PrecedenceBy::name))),
                 }),
             ),
         ),

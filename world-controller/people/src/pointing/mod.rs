@@ -147,7 +147,8 @@ pub fn point(args: &PointArgs) -> Result<(), PointError> {
         name,
         tally: tries(&setup, rule, filtered, seeds.from..seeds.until),
     });
-    let answer = Answer { schema: SCHEMA, version: env!("CARGO_PKG_VERSION"), setup, rows: rows.into() };
+    let answer =
+        Answer { schema: SCHEMA, version: metamorph_text::version::version(), setup, rows: rows.into() };
     Channel::beside(json.is_out(), false).say(&text(&answer));
     Ok(json.write(&answer)?)
 }

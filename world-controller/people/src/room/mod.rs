@@ -463,7 +463,7 @@ impl Answer {
         };
         Answer {
             schema: SCHEMA,
-            version: env!("CARGO_PKG_VERSION"),
+            version: metamorph_text::version::version(),
             file: file.shown(),
             name: room.name.clone(),
             size: room.size,

@@ -134,7 +134,8 @@ pub fn left_behind(families: Families, file: &Path) -> Result<LeftBehind, Proces
     let parts = parts_of(&file);
     if !parts.is_dir() {
         let over = "the run is finished and its journal complete";
-        let why = if file.is_file() { over } else { "no run writes its journal there" };
+        let why =
+            if file.is_file() { over } else { "there is no such file, so no run writes its journal there" };
         return Err(ProcessError::NothingLeft { file, why });
     }
     let path = controller_part(&parts);

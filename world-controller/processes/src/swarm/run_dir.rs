@@ -187,7 +187,11 @@ impl Drop for RunDir {
     fn drop(&mut self) {
         let removed = self.release_shared().and_then(|()| remove_tree(&self.root));
         if let Err(e) = removed {
-            tracing::error!("{e}; `metamorph clean` will try again");
+            tracing::error!(
+                "{e}; another process will try again when this one has ended, and so will `metamorph clean`"
+            );
+            // This process may lack descriptors, and the watcher does not.
+            self.watch.take().into_iter().for_each(Watch::hand_over);
         }
     }
 }

@@ -26,6 +26,8 @@ use std::sync::atomic::AtomicBool;
 pub const SUBCOMMAND: &str = "watch-run";
 /// Code that a controller sends when it has removed everything.
 const DONE: u8 = b'.';
+/// Code that a controller sends when it cannot remove what is left of the run.
+const LEFT: u8 = b'!';
 /// The exit code of a controller that got SIGBUS: the program itself failed.
 const FAILED: i32 = 1;
 /// Longest time that the watcher waits for the controller's process to disappear after its files are closed (s).
@@ -37,6 +39,8 @@ pub struct Watch {
     child: Child,
     pipe: OwnedFd,
     handlers: Vec<SigId>,
+    /// Whether nothing is left to be removed.
+    is_done: bool,
 }
 
 impl Watch {
@@ -54,7 +58,7 @@ impl Watch {
             .process_group(0)
             .spawn()?;
         let pipe = child.stdin.take().ok_or_else(|| io::Error::other("it has no standard input"))?;
-        let mut watch = Watch { child, pipe: pipe.into(), handlers: Vec::new() };
+        let mut watch = Watch { child, pipe: pipe.into(), handlers: Vec::new(), is_done: true };
         let copy = watch.pipe.try_clone()?;
         // In this order: the second handler ends the process.
         watch.handlers.push(low_level::pipe::register(SIGBUS, copy)?);
@@ -64,14 +68,23 @@ impl Watch {
     }
 }
 
+impl Watch {
+    /// Lets the watcher remove what is left of the run, after this process has ended.
+    pub fn hand_over(mut self) {
+        self.is_done = false;
+    }
+}
+
 impl Drop for Watch {
     fn drop(&mut self) {
         for handler in self.handlers.drain(..) {
             low_level::unregister(handler);
         }
         // Without a watcher there is nothing to report.
-        let _ = rustix::io::write(&self.pipe, &[DONE]);
-        let _ = self.child.wait();
+        let _ = rustix::io::write(&self.pipe, &[if self.is_done { DONE } else { LEFT }]);
+        if self.is_done {
+            let _ = self.child.wait();
+        }
     }
 }
 
@@ -87,23 +100,23 @@ pub fn watch(root: &Path) -> io::Result<()> {
     }
     let controller = owner(root).and_then(|owner| owner.as_pid());
     let controller = controller.and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
-    let mut by_bus = false;
+    let mut last = None;
     for said in io::stdin().lock().bytes() {
         match said? {
             DONE => return Ok(()),
-            _ => by_bus = true,
+            other => last = Some(other),
         }
     }
     if let Some(controller) = controller {
         let limit = Timespec { tv_sec: DYING_MAX, tv_nsec: 0 };
         poll(&mut [PollFd::new(&controller, PollFlags::IN)], Some(&limit))?;
     }
-    let why = if by_bus {
-        format!(
+    let why = match last {
+        None => "was killed".to_owned(),
+        Some(LEFT) => "could not remove its files".to_owned(),
+        Some(_) => format!(
             "died of SIGBUS: shared memory ({HOME}) is full (mount -o remount,size=..., docker: --shm-size)"
-        )
-    } else {
-        "was killed".to_owned()
+        ),
     };
     if waits_for_controller(root) {
         print_error(&format!("metamorph: the controller {why}; its agents wait for `metamorph resume`"));

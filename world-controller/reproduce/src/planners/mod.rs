@@ -115,7 +115,8 @@ pub fn reproduce(experiments: &[Experiment], request: &Request) -> Result<u8, Re
             return Ok(Outcome::Aborted.exit_code());
         }
     }
-    let document = Document { schema: SCHEMA, version: env!("CARGO_PKG_VERSION").to_owned(), planners };
+    let document =
+        Document { schema: SCHEMA, version: metamorph_text::version::version().to_owned(), planners };
     json.write(&document)?;
     let channel = Channel::beside(json.is_out(), request.quiet);
     for table in &document.planners {

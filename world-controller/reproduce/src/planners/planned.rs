@@ -10,6 +10,7 @@ use metamorph_experiments::sweep::summary::Combination;
 use metamorph_experiments::sweep::{Progress, Scenario, run};
 use metamorph_protocol::metamodule::params::Strategy;
 use metamorph_report::statistics::Spread;
+use metamorph_scenario::Overrides;
 use metamorph_scenario::grid::{Axis, Grid, Seeds};
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_text::format::count;
@@ -45,7 +46,8 @@ pub fn table(request: &Request, stop: &Interrupt) -> Result<PlannerTable, Reprod
             }
             table.row(format!("{}, {}", goal.name(), condition.name), "", "");
             let text = goal.text().to_owned() + if condition.crash { CRASH } else { "" };
-            let scenario = Scenario { origin: format!("{}.toml", goal.name()), text };
+            let scenario =
+                Scenario { origin: format!("{}.toml", goal.name()), text, overrides: Overrides::default() };
             let grid = Grid::new(Seeds { from: 0, until: request.seeds }, axes(goal, condition))?;
             let progress = Progress::new(&grid, None);
             let tallies = run(&scenario, &grid, progress, request.jobs, stop, !request.quiet)?;

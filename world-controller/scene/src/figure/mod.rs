@@ -15,6 +15,7 @@ pub mod options;
 mod order;
 mod outline;
 pub mod palette;
+pub mod pdf;
 pub mod picture;
 pub mod raster;
 pub mod snapshot;
@@ -97,17 +98,25 @@ pub enum FigureError {
     Forgotten(u64, String),
     /// A moving picture of one moment.
     #[error(
-        "--out: a moving picture needs the time from one frame to the next\n  fix: add --every 1s, or name a file that ends in .svg or .png"
+        "--out: a moving picture needs the time from one frame to the next\n  fix: add --every 1s, or name a file that ends in .svg, .pdf or .png"
     )]
     NoEvery,
     /// A figure of several moments.
     #[error(
-        "--every: a file that ends in .svg or .png shows one moment\n  fix: name numbered files such as --out 'frames/{{i}}.png', or one that ends in .gif or .apng, or leave out --every"
+        "--every: a file that ends in .svg, .pdf or .png shows one moment\n  fix: name numbered files such as --out 'frames/{{i}}.png', or one that ends in .gif, .apng or .mp4, or leave out --every"
     )]
     Every,
     /// A moving picture without a background.
     #[error("--theme transparent: moving pictures have a background\n  fix: choose another theme")]
     Transparent,
+    /// There is no program that makes films.
+    #[error(
+        "--out: an MP4 is made by ffmpeg, which is not in PATH\n  fix: apt install ffmpeg, or name a file that ends in .gif or .apng"
+    )]
+    NoFfmpeg,
+    /// The program that makes films has failed.
+    #[error("ffmpeg made no MP4: {0}\n  fix: see what it says, or name a file that ends in .gif or .apng")]
+    Ffmpeg(String),
     /// Interrupted by a signal.
     #[error("interrupted; nothing is written")]
     Interrupted,

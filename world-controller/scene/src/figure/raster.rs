@@ -15,6 +15,16 @@ pub fn text_width(text: &str, size: f64) -> f64 {
     f64::from(units) * size / f64::from(UNITS_PER_EM)
 }
 
+/// Returns the left end of the base line of a text.
+pub fn text_start(text: &str, at: At, anchor: Anchor, size: f64) -> At {
+    let left = match anchor {
+        Anchor::Start => 0.0,
+        Anchor::Middle => text_width(text, size) / 2.0,
+        Anchor::End => text_width(text, size),
+    };
+    [at[0] - left, at[1]]
+}
+
 /// Returns the number of pixels of a picture along both sides.
 pub fn pixels(picture: &Picture, dpi: u32) -> [u32; 2] {
     picture.size.map(|points| ((points / 72.0 * f64::from(dpi)).round() as u32).max(1))
@@ -51,12 +61,7 @@ pub fn draw(picture: &Picture, dpi: u32) -> Option<Pixmap> {
                 }
             }
             Element::Text { at, anchor, size, colour, text } => {
-                let left = match anchor {
-                    Anchor::Start => 0.0,
-                    Anchor::Middle => text_width(text, *size) / 2.0,
-                    Anchor::End => text_width(text, *size),
-                };
-                if let Some(path) = letters(text, [at[0] - left, at[1]], *size) {
+                if let Some(path) = letters(text, text_start(text, *at, *anchor, *size), *size) {
                     pixmap.fill_path(&path, &paint(*colour, 1.0), FillRule::Winding, transform, None);
                 }
             }
@@ -82,7 +87,8 @@ fn line(stroke: Stroke) -> tiny_skia::Stroke {
     }
 }
 
-fn path(pieces: &[(Vec<At>, bool)]) -> Option<Path> {
+/// Returns the path of some pieces; `None` if there is nothing to draw.
+pub fn path(pieces: &[(Vec<At>, bool)]) -> Option<Path> {
     let mut path = PathBuilder::new();
     for (points, closed) in pieces {
         for (i, [x, y]) in points.iter().map(|p| p.map(|x| x as f32)).enumerate() {
@@ -99,7 +105,7 @@ fn path(pieces: &[(Vec<At>, bool)]) -> Option<Path> {
 }
 
 /// Returns the outlines of a text from a point on its base line to the right.
-fn letters(text: &str, [x, y]: At, size: f64) -> Option<Path> {
+pub fn letters(text: &str, [x, y]: At, size: f64) -> Option<Path> {
     let scale = size as f32 / f32::from(UNITS_PER_EM);
     let (mut left, base) = (x as f32, y as f32);
     let mut path = PathBuilder::new();

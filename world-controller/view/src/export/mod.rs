@@ -37,7 +37,7 @@ use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_text::command_error::{BAD_USAGE, CommandError, FAILED};
 use metamorph_text::escape::Shown;
 use metamorph_text::format::{many, seconds};
-use ros2::{Definition, Marker};
+use ros2::{CloudPoint, Definition, Marker};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -83,7 +83,7 @@ pub struct ExportArgs {
 pub enum Schema {
     /// foxglove.SceneUpdate and foxglove.Log, as JSON
     Foxglove,
-    /// visualization_msgs/MarkerArray, tf2_msgs/TFMessage and rcl_interfaces/Log, in CDR
+    /// visualization_msgs/MarkerArray, sensor_msgs/PointCloud2, tf2_msgs/TFMessage and rcl_interfaces/Log, in CDR
     Ros2,
 }
 
@@ -233,6 +233,13 @@ impl Body {
         let cubes = self.boxes().into_iter().map(|(part, size)| Cube::new(&part, size, colour)).collect();
         Entity::new(at, format!("module {id}"), about, cubes)
     }
+    /// Returns the middle of all parts.
+    fn point(&self, id: ModuleId, words: &Words) -> Option<CloudPoint> {
+        let centres: Vec<[f64; 3]> = self.parts.iter().map(|part| part.centre().into()).collect();
+        let share = 1.0 / centres.len().max(1) as f64;
+        let at = [0, 1, 2].map(|axis| centres.iter().map(|centre| centre[axis]).sum::<f64>() * share);
+        (!centres.is_empty()).then(|| CloudPoint { module: id, at, colour: self.colour(words) })
+    }
     fn markers(&self, id: ModuleId, words: &Words) -> impl Iterator<Item = Marker> {
         let colour = self.colour(words);
         self.boxes().into_iter().enumerate().map(move |(number, (part, size))| Marker {
@@ -249,7 +256,7 @@ impl Body {
 #[derive(Clone, Copy, Debug)]
 enum Channels {
     Foxglove { scene: u16, log: u16 },
-    Ros2 { markers: u16, frames: u16, diagnostics: u16, log: u16 },
+    Ros2 { markers: u16, cloud: u16, frames: u16, diagnostics: u16, log: u16 },
 }
 
 type Output = Writer<BufWriter<File>>;
@@ -273,6 +280,7 @@ impl Channels {
         };
         Ok(Channels::Ros2 {
             markers: add(ros2::MARKERS, "/modules")?,
+            cloud: add(ros2::CLOUD, "/cloud")?,
             frames: add(ros2::FRAMES, "/tf")?,
             diagnostics: add(ros2::DIAGNOSTICS, "/diagnostics")?,
             log: add(ros2::LOG, "/rosout")?,
@@ -354,7 +362,7 @@ pub fn export(
 
 impl Recording {
     fn begin(file: File, words: &'static Words, every: Span, schema: Schema) -> Result<Recording, McapError> {
-        let library = concat!("metamorph ", env!("CARGO_PKG_VERSION"));
+        let library = format!("metamorph {}", metamorph_text::version::version());
         let profile = if schema == Schema::Ros2 { "ros2" } else { "" };
         let options = WriteOptions::new().compression(None).library(library).profile(profile);
         let mut writer = options.create(BufWriter::new(file))?;
@@ -443,14 +451,17 @@ impl Recording {
                 let update = json(&SceneUpdate::new(entities.collect()));
                 self.write(scene, &update)?;
             }
-            Channels::Ros2 { markers, frames, .. } => {
+            Channels::Ros2 { markers, cloud, frames, .. } => {
                 let boxes = self.bodies.iter().flat_map(|(id, body)| body.markers(*id, self.words));
                 let boxes: Vec<Marker> = boxes.collect();
                 let firsts = self.bodies.iter().filter_map(|(id, body)| Some((id, body.parts.first()?)));
                 let firsts: Vec<_> = firsts.map(|(id, part)| (format!("module_{id}"), part)).collect();
                 let (marked, framed) =
                     (ros2::markers(self.now, &boxes), ros2::frames(self.now, firsts.into_iter()));
+                let points = self.bodies.iter().filter_map(|(id, body)| body.point(*id, self.words));
+                let points = ros2::cloud(self.now, &points.collect::<Vec<_>>());
                 self.write(markers, &marked)?;
+                self.write(cloud, &points)?;
                 self.write(frames, &framed)?;
             }
         }

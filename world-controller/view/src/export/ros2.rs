@@ -1,5 +1,5 @@
 //! Messages of ROS 2 in CDR, the encoding of its middleware, as far as needed here: `visualization_msgs/MarkerArray`,
-//! `tf2_msgs/TFMessage`, `diagnostic_msgs/DiagnosticArray` and `rcl_interfaces/Log`, with their definitions for the
+//! `sensor_msgs/PointCloud2`, `tf2_msgs/TFMessage`, `diagnostic_msgs/DiagnosticArray` and `rcl_interfaces/Log`, with their definitions for the
 //! recording.
 
 use super::foxglove::{Colour, Level};
@@ -126,6 +126,43 @@ float64 x
 float64 y
 float64 z
 float64 w
+",
+};
+
+/// The centres of all modules.
+pub const CLOUD: Definition = Definition {
+    name: "sensor_msgs/msg/PointCloud2",
+    text: "std_msgs/Header header
+uint32 height
+uint32 width
+sensor_msgs/PointField[] fields
+bool is_bigendian
+uint32 point_step
+uint32 row_step
+uint8[] data
+bool is_dense
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+================================================================================
+MSG: sensor_msgs/PointField
+uint8 INT8=1
+uint8 UINT8=2
+uint8 INT16=3
+uint8 UINT16=4
+uint8 INT32=5
+uint8 UINT32=6
+uint8 FLOAT32=7
+uint8 FLOAT64=8
+string name
+uint32 offset
+uint8 datatype
+uint32 count
 ",
 };
 
@@ -262,6 +299,45 @@ pub fn markers(at: Time, markers: &[Marker]) -> Vec<u8> {
         // No text and no mesh.
         cdr.text("").text("").text("").u32(0).u8(0);
     }
+    cdr.0
+}
+
+/// A module as a point.
+pub struct CloudPoint {
+    /// Its number.
+    pub module: ModuleId,
+    /// Its centre in cells of one metre.
+    pub at: [f64; 3],
+    /// Its colour.
+    pub colour: Colour,
+}
+
+/// Returns the centres of all modules with their colours and numbers: fields `x`, `y`, `z`, `rgb` and `module`. Viewers without markers draw
+/// these.
+pub fn cloud(at: Time, points: &[CloudPoint]) -> Vec<u8> {
+    /// Code of whole numbers of 32 bits among the types of `sensor_msgs/PointField`.
+    const UINT32: u8 = 6;
+    /// Code of floating-point numbers of 32 bits.
+    const FLOAT32: u8 = 7;
+    const FIELDS: [(&str, u8); 5] =
+        [("x", FLOAT32), ("y", FLOAT32), ("z", FLOAT32), ("rgb", UINT32), ("module", UINT32)];
+    /// Bytes of a field.
+    const WIDTH: u32 = 4;
+    const STEP: u32 = FIELDS.len() as u32 * WIDTH;
+    let count = points.len() as u32;
+    let mut cdr = Cdr::new();
+    cdr.header(at, WORLD).u32(1).u32(count).u32(FIELDS.len() as u32);
+    for (i, (name, kind)) in (0..).zip(FIELDS) {
+        cdr.text(name).u32(i * WIDTH).u8(kind).u32(1);
+    }
+    cdr.u8(0).u32(STEP).u32(STEP * count).u32(STEP * count);
+    for CloudPoint { module, at, colour } in points {
+        at.iter().for_each(|x| cdr.0.extend((*x as f32).to_le_bytes()));
+        let [r, g, b, _] = colour.rgba().map(|channel| (channel * 255.0).round() as u32);
+        cdr.0.extend((r << 16 | g << 8 | b).to_le_bytes());
+        cdr.0.extend(module.0.to_le_bytes());
+    }
+    cdr.u8(1);
     cdr.0
 }
 

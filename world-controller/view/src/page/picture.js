@@ -130,10 +130,12 @@ export class Picture {
     return { life, standing, stuck: story.stuckAt(id, t) || (standing.flags & 2) !== 0, gradient };
   }
 
-  roleName({ life, standing }, moving) {
+  roleName({ life, standing }, moving, isBuilt) {
     if (life === "dead") return "dead";
     if (life === "paused") return "paused";
     const { roles, moving_role } = this.words;
+    // When all is built, the modules that are in no goal cell are spare.
+    if (isBuilt && standing.role !== FILLS) return roles[0].colour;
     const shown = moving && moving_role !== null && standing.role !== FILLS ? moving_role : standing.role;
     return roles[shown]?.colour ?? "none";
   }
@@ -190,7 +192,9 @@ export class Picture {
     const { counts, waits } = frame;
     const body = this.story.bodyAt(id, t);
     const known = this.of(id, t, frame.talk);
-    const role = this.roleName(known, body.doing !== null);
+    const { over, outcome, now } = this.story;
+    const isBuilt = over && outcome === "built" && t >= now && frame.now.levels.size > 0;
+    const role = this.roleName(known, body.doing !== null, isBuilt);
     if (known.life === "dead") counts.dead++;
     else counts.alive++;
     if (known.life === "paused") counts.paused++;

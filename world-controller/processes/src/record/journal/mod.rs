@@ -128,7 +128,7 @@ pub fn head_of(plan: &Plan) -> Result<RunHead, String> {
     let overrides = Overrides { seed: Some(plan.seed), ..plan.overrides.clone() };
     let mut head = RunHead {
         run: RunId::default(),
-        program: env!("CARGO_PKG_VERSION").to_owned(),
+        program: metamorph_text::version::version().to_owned(),
         family: plan.swarm.family().to_owned(),
         link: plan.overrides.link.name().to_owned(),
         seed: plan.seed,

@@ -165,7 +165,7 @@ pub fn daemon(options: &DaemonOptions) -> Result<(), DaemonError> {
 fn answer(options: &DaemonOptions, opening: &Opening, mut visitor: Visitor, serves: Option<(u64, u32)>) {
     let said = match opening {
         Opening::Status => Answer::Status(HostStatus {
-            version: env!("CARGO_PKG_VERSION").to_owned(),
+            version: metamorph_text::version::version().to_owned(),
             build: options.build,
             most: options.most,
             serves,

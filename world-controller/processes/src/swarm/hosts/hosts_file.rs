@@ -1,12 +1,12 @@
 //! The hosts file of `--hosts FILE`: where the daemons of a run are. What the hosts do in a run is in the scenario.
 
 use super::address::Address;
+use metamorph_module_agent::regular_file;
 use metamorph_protocol::host_link::Timing;
 use metamorph_protocol::ids::HostId;
 use metamorph_protocol::time::Span;
 use serde::Deserialize;
 use std::collections::BTreeMap;
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -96,11 +96,9 @@ impl HostsFile {
     /// If it cannot be read or is invalid.
     pub fn read(path: &Path) -> Result<HostsFile, HostsFileError> {
         let unreadable = |e| HostsFileError::Read(path.to_owned(), e);
-        let size = fs::metadata(path).map_err(unreadable)?.len();
-        if size > LIMIT {
-            return Err(unreadable(io::Error::other(format!("{size} bytes; {LIMIT} is the maximum"))));
-        }
-        HostsFile::parse(path, &fs::read_to_string(path).map_err(unreadable)?)
+        let bytes = regular_file::read(path, LIMIT).map_err(unreadable)?;
+        let text = String::from_utf8(bytes).map_err(|error| unreadable(io::Error::other(error)))?;
+        HostsFile::parse(path, &text)
     }
 
     fn parse(path: &Path, text: &str) -> Result<HostsFile, HostsFileError> {

@@ -111,7 +111,7 @@ pub struct Node<L> {
 /// Returns the hash of this program's build, as far as its version and size tell it.
 pub fn build() -> u64 {
     let size = std::fs::metadata("/proc/self/exe").map_or(0, |exe| exe.len());
-    digest(&[env!("CARGO_PKG_VERSION").as_bytes(), &size.to_le_bytes()].concat())
+    digest(&[metamorph_text::version::version().as_bytes(), &size.to_le_bytes()].concat())
 }
 
 fn digest(bytes: &[u8]) -> u64 {
