@@ -346,7 +346,9 @@ mod tests {
         assert!(
             is_scenario(&Files, &path("tower"))
                 && is_scenario(&Files, Path::new("swarm"))
-                && !is_scenario(&Files, &path("x"))
+                && is_scenario(&Files, &path("missing"))
+                && !is_scenario(&Files, &path("missing.journal"))
+                && !is_scenario(&Files, &path("tower.txt"))
         );
     }
 }
