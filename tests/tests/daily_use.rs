@@ -1,7 +1,7 @@
 //! Commands of every day: scenarios by their names, and what helps where a name is wrong.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
-use metamorph_tests::command::{Ran, command, scenarios};
+use metamorph_tests::command::{Ran, command, metamorph, scenario, scenarios};
 use metamorph_tests::required::{Check, skip};
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -285,9 +285,8 @@ fn doctor_with_shared_memory(size: &str, modules: &str, before: &str, name: &str
     let script = format!(
         "mount -t tmpfs -o size={size} tmpfs /dev/shm || exit 77; {before}; exec \"$0\" doctor --modules {modules} --json"
     );
-    let program = metamorph_tests::command::metamorph();
     let unshare = ["--map-root-user", "--mount", "--", "sh", "-c", &script];
-    let Ok(ran) = std::process::Command::new("unshare").args(unshare).arg(program).output() else {
+    let Ok(ran) = std::process::Command::new("unshare").args(unshare).arg(metamorph()).output() else {
         skip(Check::Mounts, "there is no unshare on this machine");
         return None;
     };
@@ -568,4 +567,26 @@ fn standard_input_is_read_and_missing_files_are_called_missing() {
     }
     let refused = within(directory.path(), &["run", "swarm", "--link", "sim", "--json", "none/a.json"]);
     assert!(refused.err.contains("its directory does not exist"), "{refused:?}");
+}
+
+/// Files of the program can be read, written and removed by their owner, whatever the umask.
+#[test]
+fn files_belong_to_their_owner_whatever_the_umask() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let directory = tempfile::tempdir().unwrap();
+    let [report, table] = ["report.json", "table"].map(|name| directory.path().join(name));
+    let mut command = std::process::Command::new("sh");
+    command
+        .args(["-c", "umask 777; exec \"$@\"", "sh"])
+        .arg(metamorph())
+        .arg("run")
+        .arg(scenario("swarm.toml"));
+    command.args(["--link", "sim", "-q", "--json"]).arg(&report).arg("--csv").arg(&table);
+    let ran: Ran = command.output().expect("a shell can be started").into();
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode() & 0o777;
+    assert_eq!((mode(&report), mode(&table)), (0o600, 0o700));
+    for entry in fs::read_dir(&table).unwrap().flatten() {
+        assert_eq!(mode(&entry.path()), 0o600, "{}", entry.path().display());
+    }
 }

@@ -119,6 +119,26 @@ fn signals_from_outside_are_faults() {
     replays(&run.directory.path().join("journal"));
 }
 
+/// An agent that is killed while others still start is dead from the beginning, and the run begins without it.
+#[test]
+fn an_agent_that_is_killed_before_the_run_begins_is_a_fault() {
+    let mut run = Run::start();
+    let mut first = None;
+    wait_until("the first agent", || {
+        first = agent_of(&run.root, 0, 0);
+        first.is_some()
+    });
+    signal_to(first.expect("it was just there").pid, Signal::KILL);
+    let ran = run.end();
+    let report = report(&ran);
+    let external = faults(&report, "external");
+    assert!(external.len() == 1 && external[0].0 == Some(0), "{ran:?}");
+    assert!(external[0].1.starts_with("killed by SIGKILL"), "{report}");
+    assert_eq!((report["agents"]["crashed"].as_u64(), report["outcome"].as_str()), (Some(2), Some("built")));
+    assert!(!report["notes"].to_string().contains("without an order"), "{report}");
+    replays(&run.directory.path().join("journal"));
+}
+
 #[test]
 fn a_process_that_ends_by_its_own_error_has_crashed() {
     let mut run = Run::start();

@@ -244,6 +244,27 @@ fn processes_that_reach_nobody_any_more_end_the_run_with_the_reason() {
     }
 }
 
+/// A controller that may open no more files leaves nothing behind, at whatever moment it happens: the watcher removes after its
+/// end the files that it could not.
+#[test]
+fn a_controller_without_files_leaves_nothing() {
+    let dir = tempfile::tempdir().expect("a directory");
+    for module in [5, 41] {
+        let run = Run::start(&dir.path().join(module.to_string()), &["--time-scale", "1"]);
+        let mut root = None;
+        wait_until("the module", || {
+            root = root_of(run.pid());
+            root.as_ref().is_some_and(|root| agent_of(root, module, 0).is_some())
+        });
+        let root = root.expect("it was just there");
+        let least = Rlimit { current: Some(8), maximum: Some(8) };
+        prlimit(Pid::from_raw(run.pid()), Resource::Nofile, least).expect("it is not over");
+        let ran = run.end();
+        assert_ne!(ran.code, Some(0), "{ran:?}");
+        wait_until("nothing to be left", || left_of(&root).is_empty());
+    }
+}
+
 /// Shared memory that fills while the swarm starts ends the run in the same way.
 #[test]
 fn shared_memory_that_fills_during_the_start_is_named() {

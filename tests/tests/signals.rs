@@ -318,6 +318,26 @@ fn an_ignored_hangup_stays_ignored() {
     assert!(ran.err.contains("SIGTERM") && !ran.err.contains("SIGHUP"), "{ran:?}");
 }
 
+/// A parent that blocks signals hands that down to its children, which would not be ended by them.
+#[test]
+fn blocked_signals_are_unblocked() {
+    let (program, file) = (metamorph(), scenario("swarm.toml"));
+    module_agent();
+    for signal in [Signal::TERM, Signal::INT, Signal::HUP].map(heeded) {
+        let mut command = std::process::Command::new("env");
+        command.arg("--block-signal=TERM,INT,HUP").arg(program).arg("run").arg(&file);
+        command.args(["--time-scale", "1", "-q"]).stdout(Stdio::null()).stderr(Stdio::piped());
+        let child = command.spawn().expect("env can be started");
+        let identity = Identity::of(child.id() as i32).ok().flatten().expect("it is not waited for yet");
+        wait_until("it to listen", || has_thread(&child, "signals"));
+        send(&child, signal);
+        let ran: Ran = child.wait_with_output().expect("a child can be waited for").into();
+        assert_eq!(ran.code, Some(ABORTED), "{signal:?}: {ran:?}");
+        assert!(ran.err.contains(name(signal)), "{ran:?}");
+        assert_eq!(left_of(identity), Vec::<String>::new());
+    }
+}
+
 /// The files of a killed controller are removed by a watching process, whatever the signal.
 #[test]
 fn a_killed_controller_leaves_nothing() {

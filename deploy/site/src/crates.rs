@@ -1,11 +1,10 @@
 //! The crates of the workspace: folders, sources, and which uses which.
 
-use serde_json::Value;
+use cargo_metadata::{DependencyKind, MetadataCommand};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 /// A crate of the workspace.
 #[derive(Clone, Debug)]
@@ -25,35 +24,22 @@ pub struct Crate {
 /// # Errors
 /// If cargo cannot be run or its answer cannot be read.
 pub fn all(root: &Path) -> io::Result<Vec<Crate>> {
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let answer = Command::new(cargo)
-        .args(["metadata", "--format-version", "1", "--no-deps", "--offline"])
-        .current_dir(root)
-        .output()?;
-    if !answer.status.success() {
-        return Err(io::Error::other(String::from_utf8_lossy(&answer.stderr).into_owned()));
-    }
-    let metadata: Value = serde_json::from_slice(&answer.stdout)?;
-    let top = PathBuf::from(metadata["workspace_root"].as_str().unwrap_or_default());
-    let packages = metadata["packages"].as_array().into_iter().flatten();
-    let mut crates: Vec<Crate> = packages.map(|package| from_package(package, &top)).collect();
-    let ours: BTreeSet<String> = crates.iter().map(|one| one.name.clone()).collect();
-    crates.iter_mut().for_each(|one| one.uses.retain(|used| ours.contains(used)));
-    Ok(crates)
-}
-
-fn from_package(package: &Value, top: &Path) -> Crate {
-    let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
-    let manifest = PathBuf::from(text(&package["manifest_path"]));
-    let folder = manifest.parent().and_then(|folder| folder.strip_prefix(top).ok()).unwrap_or(Path::new(""));
-    let dependencies = package["dependencies"].as_array().into_iter().flatten();
-    let uses = dependencies.filter(|one| one["kind"].is_null()).map(|one| text(&one["name"])).collect();
-    Crate {
-        name: text(&package["name"]),
-        folder: folder.to_owned(),
-        description: text(&package["description"]),
-        uses,
-    }
+    let mut command = MetadataCommand::new();
+    command.current_dir(root).no_deps().other_options(["--offline".to_owned()]);
+    let metadata = command.exec().map_err(io::Error::other)?;
+    let ours: BTreeSet<String> = metadata.packages.iter().map(|package| package.name.to_string()).collect();
+    let described = metadata.packages.into_iter().map(|package| {
+        let folder =
+            package.manifest_path.parent().and_then(|at| at.strip_prefix(&metadata.workspace_root).ok());
+        let uses = package.dependencies.into_iter().filter(|one| one.kind == DependencyKind::Normal);
+        Crate {
+            name: package.name.to_string(),
+            folder: folder.map(PathBuf::from).unwrap_or_default(),
+            description: package.description.unwrap_or_default(),
+            uses: uses.map(|one| one.name).filter(|name| ours.contains(name)).collect(),
+        }
+    });
+    Ok(described.collect())
 }
 
 /// Returns the Rust files of a crate in its `src` or in its `tests`, with their paths in the repository.

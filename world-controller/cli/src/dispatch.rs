@@ -43,7 +43,6 @@ fn keep_own_permissions() {
 /// Executes the command given by the arguments (the first is the program's name).
 pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let since = Stopwatch::start();
-    keep_own_permissions();
     let args: Vec<OsString> = args.into_iter().collect();
     // Agents are started by the thousand: parsing the full command line costs each of them milliseconds, and
     // memory that it keeps.
@@ -53,6 +52,7 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
             Err(failure) => fail(&failure),
         };
     }
+    keep_own_permissions();
     let line = match command_line().try_get_matches_from(&args) {
         Ok(line) => line,
         Err(error) => return ExitCode::from(refuse(&error, &args)),

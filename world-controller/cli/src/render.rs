@@ -24,7 +24,6 @@ use metamorph_scene::bodies::ShownSwarm;
 use metamorph_scene::figure::FigureError;
 use metamorph_scene::figure::options::Moment;
 use metamorph_scene::figure::palette::Theme;
-use metamorph_scene::figure::pdf::pdf;
 use metamorph_scene::scene::Scene;
 use metamorph_scene::shared::Shared;
 use metamorph_sim_bridge::director::outcome::Outcome;
@@ -32,7 +31,7 @@ use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_text::command_error::{BAD_USAGE, CommandError, FAILED, Failure};
 use metamorph_text::escape::Shown;
 use metamorph_text::format::{bytes, many, seconds};
-use metamorph_view::request::{self, Kind, Request, Source};
+use metamorph_view::request::{self, Kind, Request, Source, Still};
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -72,7 +71,7 @@ enum Target {
     /// One file.
     File(Kind),
     /// Figures of many moments.
-    Numbered(Kind),
+    Numbered(Still),
 }
 
 /// Stands for the number of a figure in the name of its file.
@@ -158,7 +157,7 @@ pub fn render(args: RenderArgs, since: Stopwatch, interrupt: &Interrupt) -> Resu
             let file = request::file(&source, &args.request, kind, &|| !interrupt.is_set());
             write(file.map_err(RenderError::from)?, output.as_ref())?
         }
-        Target::Numbered(kind) => Some(write_series(&args, kind, &source, &mut outputs, interrupt)?),
+        Target::Numbered(format) => Some(write_series(&args, format, &source, &mut outputs, interrupt)?),
     };
     if let (Some(file), Some(shown)) = (&args.out, shown) {
         let modules = many(drawn.plan.swarm.len() as u64, "module");
@@ -174,14 +173,18 @@ fn target(args: &RenderArgs) -> Result<Target, RenderError> {
         if std::io::stdout().is_terminal() {
             return Err(RenderError::Terminal);
         }
-        return if every.is_some() { Err(FigureError::Every.into()) } else { Ok(Target::File(Kind::Svg)) };
+        return if every.is_some() {
+            Err(FigureError::Every.into())
+        } else {
+            Ok(Target::File(Kind::Still(Still::Svg)))
+        };
     };
     let kind = file.extension().and_then(|extension| Kind::of_extension(extension.to_str()?));
     let kind = kind.ok_or_else(|| RenderError::Format(file.clone()))?;
     let is_numbered = file.file_name().is_some_and(|name| name.to_string_lossy().contains(NUMBER));
     match (kind, every) {
-        (still, Some(_)) if still.is_still() && is_numbered => Ok(Target::Numbered(kind)),
-        (still, Some(_)) if still.is_still() => Err(FigureError::Every.into()),
+        (Kind::Still(format), Some(_)) if is_numbered => Ok(Target::Numbered(format)),
+        (Kind::Still(_), Some(_)) => Err(FigureError::Every.into()),
         (Kind::Moving(_), None) => Err(FigureError::NoEvery.into()),
         (Kind::Moving(_), _) if args.request.style.theme == Theme::Transparent => {
             Err(FigureError::Transparent.into())
@@ -250,7 +253,7 @@ fn write(file: request::File, output: Option<&Output>) -> Result<Option<String>,
 /// Writes the figures of many moments, and returns what was written.
 fn write_series(
     args: &RenderArgs,
-    kind: Kind,
+    format: Still,
     source: &Source<'_>,
     outputs: &mut Outputs,
     interrupt: &Interrupt,
@@ -267,11 +270,7 @@ fn write_series(
     let figure = source.figure(&args.request, &style, end);
     let written = figure.series(every, end, &|| !interrupt.is_set(), |number, picture| {
         let path = file.with_file_name(name.replace(NUMBER, &format!("{number:04}")));
-        let data = match kind {
-            Kind::Png => request::png(&figure, picture, &style)?.0,
-            Kind::Pdf => pdf(picture).map_err(FigureError::from)?,
-            Kind::Svg | Kind::Moving(_) => picture.svg().into_bytes(),
-        };
+        let (data, _) = request::still(&figure, picture, format, &style)?;
         Ok::<_, RenderError>(outputs.writes("--out", &path, OutputKind::Picture)?.write(&data)?)
     })?;
     Ok(format!("until {}, {}", seconds(end.as_secs_f64()), many(written.into(), "file")))

@@ -51,13 +51,14 @@ impl Interrupt {
         }
         survive_file_limits()?;
         let wanted = [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|s| *s != SIGHUP || !is_ignored(*s));
+        let unblocked: SigSet = wanted.clone().filter_map(|signal| Signal::try_from(signal).ok()).collect();
         let mut signals = Signals::new(wanted)?;
         let interrupt = Interrupt::default();
         let receiver = interrupt.clone();
         let thread = std::thread::Builder::new().name("signals".into());
         thread.spawn(move || {
             // Blocked signals are inherited; a process delivers one to a thread that does not block it.
-            if let Err(error) = unblocked().thread_unblock() {
+            if let Err(error) = unblocked.thread_unblock() {
                 tracing::warn!("signals that are blocked stay so: {error}");
             }
             signals.forever().for_each(|signal| receiver.take(signal));
@@ -118,11 +119,6 @@ impl Interrupt {
     fn desk(&self) -> MutexGuard<'_, Desk> {
         self.0.desk.lock().unwrap_or_else(PoisonError::into_inner)
     }
-}
-
-/// The signals that this module listens for.
-fn unblocked() -> SigSet {
-    SigSet::from_iter([Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP])
 }
 
 /// Prints a message on standard error; on a terminal, in place of the progress line.

@@ -94,9 +94,12 @@ impl ProgressLine {
         let filling = rate(status.filled, filled);
         // The field stays while nothing is known, so that those behind it do not jump.
         let missing = status.goal.saturating_sub(status.filled);
-        let is_known = span >= LEARNING.as_secs_f64() && filling > 0.0 || missing == 0;
-        let left = is_known.then(|| seconds(missing as f64 / filling.max(f64::MIN_POSITIVE)));
-        parts.push(format!("{} left", left.as_deref().unwrap_or("?")));
+        let left = match missing {
+            0 => Some(0.0),
+            _ if span < LEARNING.as_secs_f64() || filling == 0.0 => None,
+            _ => Some(missing as f64 / filling),
+        };
+        parts.push(format!("{} left", left.map_or("?".to_owned(), seconds)));
         parts.push(format!("at {}", seconds(status.now_s)));
         parts.push(many(status.moves, "move"));
         if let Some(now) = status.messages {

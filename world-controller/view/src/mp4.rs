@@ -6,12 +6,14 @@
 use metamorph_protocol::time::{Span, Time};
 use metamorph_scene::figure::picture::Picture;
 use metamorph_scene::figure::{Figure, FigureError};
-use std::io::{self, Read, Write};
+use std::io::{self, Write};
 use std::process::{Child, ChildStdin, Command, Stdio};
 use tempfile::TempDir;
 
 /// The program that makes films.
 const FFMPEG: &str = "ffmpeg";
+/// The file that it makes, in a directory of its own.
+const FILM: &str = "film.mp4";
 
 /// Makes a film: the run until `end`, with a frame for every so much scenario time, and the end. `going` is asked before each
 /// frame whether to continue. Returns the content of the file and the number of frames.
@@ -28,7 +30,7 @@ pub fn mp4(
 ) -> Result<(Vec<u8>, u32), FigureError> {
     let directory = TempDir::new()?;
     let mut film: Option<Film> = None;
-    let frames = figure.series(every, end, going, |_, picture| {
+    let drawn = figure.series(every, end, going, |_, picture| {
         let pixmap = figure.pixels(picture)?;
         let size = [pixmap.width(), pixmap.height()];
         let begun = match &mut film {
@@ -36,10 +38,15 @@ pub fn mp4(
             none => none.insert(Film::begin(&directory, picture, size, fps)?),
         };
         // Moving pictures have a background, so no pixel is transparent.
-        begun.frame(pixmap.data())
-    })?;
-    let film = film.ok_or_else(|| FigureError::Ffmpeg("there are no frames".to_owned()))?;
-    Ok((film.end(&directory)?, frames))
+        begun.frames.write_all(pixmap.data()).map_err(FigureError::from)
+    });
+    match (drawn, film.map(|film| film.end(&directory))) {
+        (Ok(frames), Some(made)) => Ok((made?, frames)),
+        // If ffmpeg takes no more frames, its last words are the reason.
+        (Err(FigureError::Write(_)), Some(Err(said))) => Err(said),
+        (Err(error), _) => Err(error),
+        (Ok(_), None) => Err(FigureError::Ffmpeg("there are no frames".to_owned())),
+    }
 }
 
 /// A film that is being made.
@@ -63,7 +70,7 @@ impl Film {
             .args(["-metadata", &format!("title={}", first.title)])
             .args(["-metadata", &format!("comment={}", first.description)])
             .args(["-movflags", "+faststart", "-fflags", "+bitexact", "-f", "mp4"])
-            .arg(directory.path().join("film.mp4"))
+            .arg(directory.path().join(FILM))
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
@@ -77,31 +84,13 @@ impl Film {
         Ok(Film { ffmpeg, frames })
     }
 
-    fn frame(&mut self, pixels: &[u8]) -> Result<(), FigureError> {
-        // If ffmpeg has ended, what it said is the reason.
-        self.frames.write_all(pixels).map_err(|_| FigureError::Ffmpeg(self.said()))
-    }
-
-    /// Returns what ffmpeg has said, after its end.
-    fn said(&mut self) -> String {
-        let mut said = String::new();
-        let read = self.ffmpeg.stderr.take().map(|mut stream| stream.read_to_string(&mut said));
-        match read {
-            Some(Err(error)) => error.to_string(),
-            _ if said.trim().is_empty() => "it ended without a word".to_owned(),
-            _ => said.trim().to_owned(),
-        }
-    }
-
-    fn end(mut self, directory: &TempDir) -> Result<Vec<u8>, FigureError> {
+    fn end(self, directory: &TempDir) -> Result<Vec<u8>, FigureError> {
         drop(self.frames);
-        let mut said = String::new();
-        let read = self.ffmpeg.stderr.take().map(|mut stream| stream.read_to_string(&mut said)).transpose();
-        let ended = self.ffmpeg.wait();
-        match ended.and_then(|status| read.map(|_| status)) {
-            Ok(status) if status.success() => Ok(std::fs::read(directory.path().join("film.mp4"))?),
-            Ok(status) => Err(FigureError::Ffmpeg(format!("{status}; {}", said.trim()))),
-            Err(error) => Err(FigureError::Ffmpeg(error.to_string())),
+        let ended = self.ffmpeg.wait_with_output()?;
+        if ended.status.success() {
+            return Ok(std::fs::read(directory.path().join(FILM))?);
         }
+        let said = String::from_utf8_lossy(&ended.stderr).trim().to_owned();
+        Err(FigureError::Ffmpeg(if said.is_empty() { ended.status.to_string() } else { said }))
     }
 }

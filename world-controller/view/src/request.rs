@@ -104,14 +104,21 @@ fn switch(text: &str) -> Result<bool, &'static str> {
 /// Kind of file to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
+    /// It shows one moment.
+    Still(Still),
+    /// It is a moving picture.
+    Moving(Film),
+}
+
+/// Format of a figure of one moment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Still {
     /// Vectors.
     Svg,
     /// Vectors on a page.
     Pdf,
     /// Pixels.
     Png,
-    /// A moving picture.
-    Moving(Film),
 }
 
 /// Format of a moving picture.
@@ -123,43 +130,25 @@ pub enum Film {
     Mp4,
 }
 
-impl Kind {
-    /// All kinds.
-    const ALL: [Kind; 6] = [
-        Kind::Svg,
-        Kind::Pdf,
-        Kind::Png,
-        Kind::Moving(Film::Palette(Format::Gif)),
-        Kind::Moving(Film::Palette(Format::Apng)),
-        Kind::Moving(Film::Mp4),
-    ];
+/// All kinds, with how the names of their files end and the types of their contents.
+const KINDS: [(Kind, &str, &str); 6] = [
+    (Kind::Still(Still::Svg), "svg", "image/svg+xml"),
+    (Kind::Still(Still::Pdf), "pdf", "application/pdf"),
+    (Kind::Still(Still::Png), "png", "image/png"),
+    (Kind::Moving(Film::Palette(Format::Gif)), "gif", "image/gif"),
+    (Kind::Moving(Film::Palette(Format::Apng)), "apng", "image/apng"),
+    (Kind::Moving(Film::Mp4), "mp4", "video/mp4"),
+];
 
+impl Kind {
     /// Returns how the names of its files end, and the type of its content.
-    fn names(self) -> (&'static str, &'static str) {
-        match self {
-            Kind::Svg => ("svg", "image/svg+xml"),
-            Kind::Pdf => ("pdf", "application/pdf"),
-            Kind::Png => ("png", "image/png"),
-            Kind::Moving(Film::Palette(Format::Gif)) => ("gif", "image/gif"),
-            Kind::Moving(Film::Palette(Format::Apng)) => ("apng", "image/apng"),
-            Kind::Moving(Film::Mp4) => ("mp4", "video/mp4"),
-        }
-    }
-    /// Returns how the names of its files end.
-    pub fn extension(self) -> &'static str {
-        self.names().0
-    }
-    /// Returns the type of its content.
-    pub fn content_type(self) -> &'static str {
-        self.names().1
+    pub fn names(self) -> (&'static str, &'static str) {
+        let found = KINDS.iter().find(|(kind, ..)| *kind == self);
+        found.map_or(("bin", "application/octet-stream"), |(_, end, content)| (end, content))
     }
     /// Returns the kind of files whose names end so.
     pub fn of_extension(extension: &str) -> Option<Kind> {
-        Kind::ALL.into_iter().find(|kind| kind.extension() == extension)
-    }
-    /// Returns true if it shows one moment.
-    pub fn is_still(self) -> bool {
-        !matches!(self, Kind::Moving(_))
+        KINDS.iter().find(|(_, end, _)| *end == extension).map(|(kind, ..)| *kind)
     }
 }
 
@@ -374,13 +363,12 @@ pub fn file(
     let figure = source.figure(request, &style, at);
     let time = seconds(at.as_secs_f64());
     let (data, shown) = match (kind, request.every) {
-        (Kind::Svg, None) => (figure.still(at)?.svg().into_bytes(), format!("at {time}")),
-        (Kind::Png, None) => {
-            let (data, [width, height]) = png(&figure, &figure.still(at)?, &style)?;
-            (data, format!("at {time}, {width} × {height} pixels"))
+        (Kind::Still(format), None) => {
+            let (data, size) = still(&figure, &figure.still(at)?, format, &style)?;
+            let size = size.map_or(String::new(), |[width, height]| format!(", {width} × {height} pixels"));
+            (data, format!("at {time}{size}"))
         }
-        (Kind::Pdf, None) => (pdf(&figure.still(at)?)?, format!("at {time}")),
-        (Kind::Svg | Kind::Pdf | Kind::Png, Some(_)) => return Err(FigureError::Every),
+        (Kind::Still(_), Some(_)) => return Err(FigureError::Every),
         (Kind::Moving(_), None) => return Err(FigureError::NoEvery),
         (Kind::Moving(_), _) if style.theme == Theme::Transparent => return Err(FigureError::Transparent),
         (Kind::Moving(film), Some(every)) => {
@@ -398,20 +386,27 @@ pub fn file(
     Ok(File { data, shown })
 }
 
-/// Returns a picture as a PNG file, with its width and height.
+/// Returns a picture as a file, and its size in pixels if it consists of them.
 ///
 /// # Errors
 ///
 /// Its pixels are too many.
-pub fn png(
+pub fn still(
     figure: &Figure<'_>,
     picture: &Picture,
+    format: Still,
     style: &Style,
-) -> Result<(Vec<u8>, [u32; 2]), FigureError> {
-    let pixmap = figure.pixels(picture)?;
-    let mut data = Vec::new();
-    raster::png(picture, style.dpi, &pixmap, &mut data)?;
-    Ok((data, [pixmap.width(), pixmap.height()]))
+) -> Result<(Vec<u8>, Option<[u32; 2]>), FigureError> {
+    Ok(match format {
+        Still::Svg => (picture.svg().into_bytes(), None),
+        Still::Pdf => (pdf(picture)?, None),
+        Still::Png => {
+            let pixmap = figure.pixels(picture)?;
+            let mut data = Vec::new();
+            raster::png(picture, style.dpi, &pixmap, &mut data)?;
+            (data, Some([pixmap.width(), pixmap.height()]))
+        }
+    })
 }
 
 #[cfg(test)]

@@ -63,7 +63,8 @@ impl Subject {
         let drawn = file(&source, &request, kind, going).map_err(|error: FigureError| error.to_string())?;
         let at = source.time(request.at).map_err(|error| error.to_string())?;
         let name = self.origin.title.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' });
-        let name = format!("{}-{}s.{}", name.collect::<String>(), at.as_secs_f64(), kind.extension());
-        Ok(Saved { data: drawn.data, content_type: kind.content_type(), name })
+        let (end, content_type) = kind.names();
+        let name = format!("{}-{}s.{end}", name.collect::<String>(), at.as_secs_f64());
+        Ok(Saved { data: drawn.data, content_type, name })
     }
 }

@@ -118,9 +118,14 @@ pub struct Scenario {
 impl Scenario {
     /// Returns the plan of a combination, for any seed.
     pub fn plan(&self, grid: &Grid, combination: u64) -> Result<Plan, Diagnostics> {
+        read_text(&self.origin, &self.text, &self.changes(grid, combination))
+    }
+
+    /// Returns all that is changed in the runs of a combination.
+    fn changes(&self, grid: &Grid, combination: u64) -> Overrides {
         let mut overrides = Overrides { link: LinkKind::Sim, ..self.overrides.clone() };
         overrides.settings.extend(grid.settings(combination));
-        read_text(&self.origin, &self.text, &overrides)
+        overrides
     }
 
     /// Reads the scenario with every combination.
@@ -171,13 +176,10 @@ impl Scenario {
 
     /// Returns the command that repeats one run.
     pub fn repeat(&self, grid: &Grid, run: u64) -> String {
-        let changes = self.overrides.options().into_iter().map(quote);
-        let settings = options(grid, grid.combination(run), "--set");
-        let options: Vec<String> =
-            changes.chain(Some(settings)).filter(|option| !option.is_empty()).collect();
-        let space = if options.is_empty() { "" } else { " " };
         let (file, seed) = (quote(self.origin.clone()), grid.seed(run));
-        format!("metamorph run {file} --link sim --seed {seed}{space}{}", options.join(" "))
+        let command = format!("metamorph run {file} --link sim --seed {seed}");
+        let changes = self.changes(grid, grid.combination(run)).options();
+        std::iter::once(command).chain(changes.into_iter().map(quote)).collect::<Vec<_>>().join(" ")
     }
 }
 

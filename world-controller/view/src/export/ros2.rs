@@ -15,10 +15,61 @@ pub struct Definition {
     pub text: &'static str,
 }
 
+/// The definition of a point in time.
+macro_rules! time {
+    () => {
+        "================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"
+    };
+}
+
+/// The definitions of a header.
+macro_rules! header {
+    () => {
+        concat!(
+            "================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+",
+            time!()
+        )
+    };
+}
+
+/// The definition of a vector.
+macro_rules! vector {
+    () => {
+        "================================================================================
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+"
+    };
+}
+
+/// The definition of a rotation.
+macro_rules! quaternion {
+    () => {
+        "================================================================================
+MSG: geometry_msgs/Quaternion
+float64 x
+float64 y
+float64 z
+float64 w
+"
+    };
+}
+
 /// The markers of all modules.
 pub const MARKERS: Definition = Definition {
     name: "visualization_msgs/msg/MarkerArray",
-    text: "visualization_msgs/Marker[] markers
+    text: concat!(
+        "visualization_msgs/Marker[] markers
 ================================================================================
 MSG: visualization_msgs/Marker
 std_msgs/Header header
@@ -40,15 +91,9 @@ string text
 string mesh_resource
 visualization_msgs/MeshFile mesh_file
 bool mesh_use_embedded_materials
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-================================================================================
+",
+        header!(),
+        "================================================================================
 MSG: builtin_interfaces/Duration
 int32 sec
 uint32 nanosec
@@ -61,18 +106,10 @@ MSG: geometry_msgs/Point
 float64 x
 float64 y
 float64 z
-================================================================================
-MSG: geometry_msgs/Quaternion
-float64 x
-float64 y
-float64 z
-float64 w
-================================================================================
-MSG: geometry_msgs/Vector3
-float64 x
-float64 y
-float64 z
-================================================================================
+",
+        quaternion!(),
+        vector!(),
+        "================================================================================
 MSG: std_msgs/ColorRGBA
 float32 r
 float32 g
@@ -92,12 +129,14 @@ MSG: visualization_msgs/MeshFile
 string filename
 uint8[] data
 ",
+    ),
 };
 
 /// The frames of all modules.
 pub const FRAMES: Definition = Definition {
     name: "tf2_msgs/msg/TFMessage",
-    text: "geometry_msgs/TransformStamped[] transforms
+    text: concat!(
+        "geometry_msgs/TransformStamped[] transforms
 ================================================================================
 MSG: geometry_msgs/TransformStamped
 std_msgs/Header header
@@ -107,32 +146,18 @@ geometry_msgs/Transform transform
 MSG: geometry_msgs/Transform
 geometry_msgs/Vector3 translation
 geometry_msgs/Quaternion rotation
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-================================================================================
-MSG: geometry_msgs/Vector3
-float64 x
-float64 y
-float64 z
-================================================================================
-MSG: geometry_msgs/Quaternion
-float64 x
-float64 y
-float64 z
-float64 w
 ",
+        header!(),
+        vector!(),
+        quaternion!(),
+    ),
 };
 
 /// The centres of all modules.
 pub const CLOUD: Definition = Definition {
     name: "sensor_msgs/msg/PointCloud2",
-    text: "std_msgs/Header header
+    text: concat!(
+        "std_msgs/Header header
 uint32 height
 uint32 width
 sensor_msgs/PointField[] fields
@@ -141,15 +166,9 @@ uint32 point_step
 uint32 row_step
 uint8[] data
 bool is_dense
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-================================================================================
+",
+        header!(),
+        "================================================================================
 MSG: sensor_msgs/PointField
 uint8 INT8=1
 uint8 UINT8=2
@@ -164,39 +183,34 @@ uint32 offset
 uint8 datatype
 uint32 count
 ",
+    ),
 };
 
 /// A line of the log.
 pub const LOG: Definition = Definition {
     name: "rcl_interfaces/msg/Log",
-    text: "builtin_interfaces/Time stamp
+    text: concat!(
+        "builtin_interfaces/Time stamp
 uint8 level
 string name
 string msg
 string file
 string function
 uint32 line
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
 ",
+        time!(),
+    ),
 };
 
 /// The processes of modules.
 pub const DIAGNOSTICS: Definition = Definition {
     name: "diagnostic_msgs/msg/DiagnosticArray",
-    text: "std_msgs/Header header
+    text: concat!(
+        "std_msgs/Header header
 diagnostic_msgs/DiagnosticStatus[] status
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-================================================================================
+",
+        header!(),
+        "================================================================================
 MSG: diagnostic_msgs/DiagnosticStatus
 byte OK=0
 byte WARN=1
@@ -212,6 +226,7 @@ MSG: diagnostic_msgs/KeyValue
 string key
 string value
 ",
+    ),
 };
 
 /// The frame that positions are in.

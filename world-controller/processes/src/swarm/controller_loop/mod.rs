@@ -91,6 +91,8 @@ pub struct ControllerLoop<'a, W: World, D, B: Backend> {
     /// When shared memory was last checked (ns of the monotonic clock).
     looked: u64,
     retry_at: Option<u64>,
+    /// Agents that were killed from outside before the run began, the signals, and how they ended in words.
+    killed_early: Vec<(AgentKey, i32, String)>,
 }
 
 impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
@@ -125,6 +127,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
             unreached: BTreeMap::new(),
             looked: begun,
             retry_at: None,
+            killed_early: Vec::new(),
         }
     }
 
@@ -227,18 +230,25 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
                     let is_running = process.is_some_and(|p| running(&p));
                     let outside = process.filter(running).and(signal).filter(|_| !of_machine);
                     let outside = outside.filter(|signal| signals::is_from_outside(*signal));
-                    let crashed = process.is_some() && outside.is_none();
+                    let is_ours = process.is_some();
                     if let Some(signal) = outside {
-                        self.external(agent, &Outside::Killed { signal: signals::name(signal) });
+                        self.killed(agent, signal, how, stderr_tail);
+                        continue;
                     }
                     if of_machine && is_running {
                         self.end_for_agent(agent.0, &how, &stderr_tail);
                     }
-                    self.ended(agent, how, stderr_tail, crashed);
+                    self.ended(agent, how, stderr_tail, is_ours);
                 }
             }
         }
         Ok(())
+    }
+
+    /// Takes note that an agent of this run was killed from outside, and has ended.
+    fn killed(&mut self, agent: AgentKey, signal: i32, how: String, stderr_tail: String) {
+        self.external(agent, &Outside::Killed { signal: signals::name(signal) });
+        self.ended(agent, how, stderr_tail, false);
     }
 
     /// Reports an intervention in a process from outside this run.

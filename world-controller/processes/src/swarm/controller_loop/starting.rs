@@ -3,10 +3,11 @@
 
 use super::{ControllerLoop, nanos};
 use crate::swarm::launcher::{Backend, Event, Launcher};
-use crate::swarm::outcome::{Crash, SwarmError};
+use crate::swarm::outcome::SwarmError;
 use crate::swarm::process::{ControlMessage, Process, Stage};
 use crate::swarm::resume::write_run;
 use crate::swarm::run_dir::RunDirError;
+use crate::swarm::signals::is_from_outside;
 use metamorph_module_agent::process::runtime_message::RuntimeMessage;
 use metamorph_module_agent::run_dir::controller_lease::make_resumable;
 use metamorph_module_agent::transport::AgentKey;
@@ -14,7 +15,6 @@ use metamorph_protocol::ids::Incarnation;
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
-use signal_hook::consts::{SIGKILL, SIGTERM};
 use std::time::Duration;
 
 /// Number of processes that start at the same time; more would only compete.
@@ -44,8 +44,9 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
                         self.launcher.reap(agent);
                         self.end_for_agent(agent.0, &how, &stderr_tail);
                     }
-                    Event::Exited { agent, how, stderr_tail, signal: Some(SIGKILL | SIGTERM), .. } => {
-                        self.crashed_early(agent, how, stderr_tail);
+                    Event::Exited { agent, how, signal: Some(signal), .. } if is_from_outside(signal) => {
+                        self.processes[agent.0.index()].end();
+                        self.killed_early.push((agent, signal, how));
                     }
                     Event::Exited { agent, how, stderr_tail, .. } => {
                         return Err(SwarmError::DiedEarly { id: agent.0, how, stderr_tail });
@@ -54,7 +55,7 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
                 }
             }
             self.drain()?;
-            // One that was started and is absent has crashed, and is not waited for.
+            // One that was started and is absent was killed, and is not waited for.
             let is_ready = |p: &&Process<_, _>| matches!(p.stage, Stage::Up | Stage::Absent);
             let before = std::mem::replace(&mut up, self.processes[..next].iter().filter(is_ready).count());
             if up > before {
@@ -75,15 +76,6 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         }
         self.reserve.release_most();
         Ok(())
-    }
-
-    /// Notes that an agent was killed before the run has begun. Its module is dead from the beginning.
-    fn crashed_early(&mut self, agent: AgentKey, how: String, stderr_tail: String) {
-        let (id, incarnation) = agent;
-        tracing::warn!("module {id} {how} before the run began");
-        self.outcome.crashes.push(Crash { id, incarnation, at: Time::ZERO, how, stderr_tail });
-        self.processes[id.index()].end();
-        self.launcher.reap(agent);
     }
 
     pub(super) fn launch(&mut self, i: usize, incarnation: Incarnation) {
@@ -122,11 +114,10 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
             self.director.started(Time::ZERO, id);
             self.execute(Time::ZERO);
         }
-        for i in 0..self.processes.len() {
-            if self.processes[i].stage == Stage::Absent {
-                self.director.died(Time::ZERO, self.processes[i].id);
-                self.execute(Time::ZERO);
-            }
+        // The run knows of them only now.
+        for (agent, signal, how) in std::mem::take(&mut self.killed_early) {
+            self.processes[agent.0.index()].stage = Stage::Running;
+            self.killed(agent, signal, how, String::new());
         }
         self.flush();
         Ok(())

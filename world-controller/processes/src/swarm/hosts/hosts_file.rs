@@ -1,10 +1,11 @@
 //! The hosts file of `--hosts FILE`: where the daemons of a run are. What the hosts do in a run is in the scenario.
 
 use super::address::Address;
-use metamorph_module_agent::regular_file;
+use metamorph_console::files::Files;
 use metamorph_protocol::host_link::Timing;
 use metamorph_protocol::ids::HostId;
 use metamorph_protocol::time::Span;
+use metamorph_text::sources::Sources;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::io;
@@ -96,7 +97,7 @@ impl HostsFile {
     /// If it cannot be read or is invalid.
     pub fn read(path: &Path) -> Result<HostsFile, HostsFileError> {
         let unreadable = |e| HostsFileError::Read(path.to_owned(), e);
-        let bytes = regular_file::read(path, LIMIT).map_err(unreadable)?;
+        let bytes = Files.read_argument(path, LIMIT).map_err(unreadable)?;
         let text = String::from_utf8(bytes).map_err(|error| unreadable(io::Error::other(error)))?;
         HostsFile::parse(path, &text)
     }
