@@ -227,12 +227,7 @@ fn allowed() -> BTreeMap<&'static str, Vec<&'static str>> {
         ),
         (
             "metamorph-tutorial",
-            vec![
-                "metamorph-protocol",
-                "metamorph-sim-bridge",
-                "metamorph-module-agent",
-                "metamorph-world-controller",
-            ],
+            vec!["metamorph-protocol", "metamorph-sim-bridge", "metamorph-world-controller"],
         ),
         (
             "metamorph-python",
@@ -483,7 +478,6 @@ const CIRCLES: &[(&str, usize)] = &[
     ("cube", 14),
     ("bench", 7),
     ("studio", 7),
-    ("python", 7),
     ("gait", 6),
     ("reproduce", 6),
 ];

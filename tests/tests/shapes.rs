@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use metamorph_protocol::lattice::Cell;
-use metamorph_tests::command::{Ran, root, run};
+use metamorph_tests::command::{Ran, command, root, run};
 use metamorph_world_controller::family::sources;
 use metamorph_world_controller::report::schema::Report;
 use metamorph_world_controller::scenario::mesh_import::{Import, Part, import};
@@ -518,4 +518,24 @@ fn drawings_that_are_no_structure_are_refused() {
     refused(&ran, &["pitch", "a drawing, which is made of cells"]);
     let ran = run(&["shape", shapes("chair.toml").to_str().unwrap(), "--split"]);
     assert_eq!((ran.code, ran.err.contains("--modules")), (Some(2), true), "{ran:?}");
+}
+
+/// Faults that were read over are named where the scenario is checked, not only where the file is looked at.
+#[test]
+fn check_names_the_faults_of_files() {
+    let directory = tempfile::tempdir().unwrap();
+    let corners =
+        (0..8).map(|i| format!("v {} {} {}", i & 1, i >> 1 & 1, i >> 2)).collect::<Vec<_>>().join("\n");
+    let faces = "f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 2 4 8 6\nf 4 3 7 8\nf 3 1 5 7\nv 0.5 0 0\nf 1 9 2\n";
+    std::fs::write(directory.path().join("cube.obj"), format!("{corners}\n{faces}")).unwrap();
+    let text = "version = 1\n[swarm]\nstart = { box = { min = [0, 0, 0], max = [2, 2, 0] } }\n\
+        [[goal]]\nshape = { file = { path = \"cube.obj\", pitch = 0.5 } }\n";
+    std::fs::write(directory.path().join("a.toml"), text).unwrap();
+    let checked: Ran = command(&["check", "a.toml"]).current_dir(directory.path()).output().unwrap().into();
+    assert_eq!(checked.code, Some(0), "{checked:?}");
+    assert!(
+        checked.out.contains("  note      cube.obj: 1 edge belongs to more than two triangles"),
+        "{}",
+        checked.out
+    );
 }

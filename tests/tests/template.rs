@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// The crates that a protocol is built with.
-const CRATES: [&str; 4] =
-    ["metamorph-protocol", "metamorph-sim-bridge", "metamorph-module-agent", "metamorph-world-controller"];
+const CRATES: [&str; 3] = ["metamorph-protocol", "metamorph-sim-bridge", "metamorph-world-controller"];
+
 /// Returns the crates that these are made of. In a clone their paths are known; packed, they have to be named, too.
 fn parts() -> Vec<String> {
     let manifest = fs::read_to_string(root().join("Cargo.toml")).unwrap();

@@ -1,6 +1,9 @@
 //! A journal, read once: what happened, and where the modules were.
 
-use crate::scenario::raise;
+use crate::protocol::Protocol;
+use crate::protocol::family::PySwarm;
+use crate::protocol::spec::{Spec, showing};
+use crate::raised::raise;
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::time::Time;
 use metamorph_world_controller::family::{self, of};
@@ -16,6 +19,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::fmt::Display;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Code of a module whose state is unknown. The codes of roles are 1 to 3.
 const UNKNOWN: u8 = 0;
@@ -30,12 +34,18 @@ type Row = (u64, &'static str, Option<u32>, String);
 /// The figures of a module.
 type ModuleRow = ([u64; 4], [u64; Class::ALL.len()], [u64; Class::ALL.len()], u64, [Option<u64>; 2]);
 
+/// Why a run with a protocol in Python cannot be carried out again.
+const NO_PROTOCOL: &str =
+    "the protocol of this run is written in Python; name it: Journal(path, protocol=..., until=...)";
+
 /// A journal.
 #[pyclass(frozen, module = "metamorph._metamorph")]
 pub struct Journal {
     file: PathBuf,
     plan: Plan,
     scene: Scene,
+    /// The protocol, if it is one in Python that was named.
+    protocol: Option<Arc<Spec>>,
 }
 
 fn failed(py: Python<'_>, error: &impl Display) -> PyErr {
@@ -44,13 +54,28 @@ fn failed(py: Python<'_>, error: &impl Display) -> PyErr {
 
 #[pymethods]
 impl Journal {
-    /// Reads a journal; a damaged one is an error.
+    /// Reads a journal; a damaged one is an error. `protocol` is that of a run of the family `python`.
     #[new]
-    fn new(py: Python<'_>, path: PathBuf) -> PyResult<Journal> {
-        let family::Recorded { plan, scene, damage } =
-            py.detach(|| family::recorded(&path)).map_err(|e| failed(py, &e))?;
+    #[pyo3(signature = (path, protocol))]
+    fn new(py: Python<'_>, path: PathBuf, protocol: Option<&Protocol>) -> PyResult<Journal> {
+        let protocol = protocol.map(|protocol| Arc::clone(&protocol.spec));
+        let recorded = match &protocol {
+            Some(spec) => {
+                // The interpreter is held until the scenario is read.
+                let _reading = spec.reading();
+                let recorded = family::recorded(&path);
+                spec.check(py)?;
+                recorded
+            }
+            None => py.detach(|| showing(|| family::recorded(&path))),
+        };
+        let family::Recorded { plan, scene, damage } = recorded.map_err(|e| failed(py, &e))?;
         damage.map_or(Ok(()), |damage| Err(failed(py, &damage)))?;
-        Ok(Journal { file: path, plan, scene })
+        Ok(Journal { file: path, plan, scene, protocol })
+    }
+    #[getter]
+    fn family(&self) -> &'static str {
+        self.plan.swarm.family()
     }
     #[getter]
     fn modules(&self) -> usize {
@@ -152,7 +177,17 @@ impl Journal {
     /// Carries the run out again. Returns the first difference from the journal.
     fn verify(&self, py: Python<'_>) -> PyResult<Option<String>> {
         let request = Request { file: self.file.clone(), until: None, agent: None };
-        let replayed = py.detach(|| family::replay(&request).map(|(_, replayed)| replayed));
+        let replay = || family::replay(&request).map(|(_, replayed)| replayed);
+        let replayed = match &self.protocol {
+            Some(spec) => {
+                let _reading = spec.reading();
+                let replayed = replay();
+                spec.check(py)?;
+                replayed
+            }
+            None if self.plan.swarm.of::<PySwarm>().is_some() => return Err(failed(py, &NO_PROTOCOL)),
+            None => py.detach(replay),
+        };
         let replayed = replayed.map_err(|e| failed(py, &e))?;
         Ok(replayed.difference.map(|d| format!("record {} at {}: {}", d.number, d.at, d.what)))
     }

@@ -6,7 +6,9 @@
 
 mod convert;
 mod journal;
+mod program;
 mod protocol;
+mod raised;
 mod scenario;
 mod simulation;
 mod sweep;
@@ -26,6 +28,8 @@ mod _metamorph {
     use super::convert::{nanoseconds, to_toml, to_value};
     #[pymodule_export]
     use super::journal::Journal;
+    #[pymodule_export]
+    use super::program::program;
     #[pymodule_export]
     use super::protocol::{Context, Protocol, Random, check_message, state_parts};
     #[pymodule_export]

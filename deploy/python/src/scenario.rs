@@ -2,6 +2,7 @@
 
 use crate::protocol::family::PySwarm;
 use crate::protocol::{Protocol, Setup};
+use crate::raised::raise;
 use metamorph_world_controller::family::{self, read_text};
 use metamorph_world_controller::scenario::diagnostics::{Diagnostics, Place};
 use metamorph_world_controller::scenario::error::ScenarioError;
@@ -12,14 +13,6 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::path::PathBuf;
 use std::sync::Arc;
-
-/// Raises a class of `metamorph._errors`. These are made in Python: an extension for all versions of Python can derive
-/// exceptions only from 3.12 on.
-pub fn raise(py: Python<'_>, class: &str, arguments: impl for<'py> pyo3::call::PyCallArgs<'py>) -> PyErr {
-    let raised =
-        py.import("metamorph._errors").and_then(|m| m.getattr(class)).and_then(|c| c.call1(arguments));
-    raised.map_or_else(|e| e, PyErr::from_value)
-}
 
 fn invalid(py: Python<'_>, diagnostics: &Diagnostics, text: &str) -> PyErr {
     let problems = diagnostics.list().iter().map(|problem| {

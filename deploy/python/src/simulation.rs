@@ -1,7 +1,8 @@
 //! Runs on the simulated link, at once or in steps.
 
 use crate::protocol::Setup;
-use crate::scenario::{Plan, raise};
+use crate::raised::raise;
+use crate::scenario::Plan;
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::{Span, Time};
@@ -10,6 +11,9 @@ use metamorph_world_controller::family;
 use metamorph_world_controller::record::journal::JournalSession;
 use metamorph_world_controller::run::PageChannels;
 use metamorph_world_controller::run::simulated::{self, SteppedRun};
+use metamorph_world_controller::view::request::{Command, Kind, Origin};
+use metamorph_world_controller::view::saved::Subject;
+use metamorph_world_controller::view::scene_builder::Shared;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
@@ -75,6 +79,9 @@ pub struct Simulation {
     over: bool,
     /// Shared state of the agents, if the protocol is written in Python.
     setup: Option<Arc<Setup>>,
+    /// Subject and scene of the run so far, with such a protocol. Other runs can be carried out again by the program, and are
+    /// shown by it.
+    shown: Option<(Subject, Shared)>,
 }
 
 #[pymethods]
@@ -82,8 +89,18 @@ impl Simulation {
     /// Begins a run.
     #[new]
     fn new(py: Python<'_>, plan: &Plan) -> PyResult<Simulation> {
-        let simulation =
-            Simulation { run: family::begin(&plan.plan), events: 0, over: false, setup: plan.setup() };
+        let plan_of_run = &plan.plan;
+        let (run, shown) = match plan.setup() {
+            None => (family::begin(plan_of_run), None),
+            Some(_) => {
+                let (run, scene) = family::begin_shown(plan_of_run);
+                let (title, seed) = (plan_of_run.title(), plan_of_run.seed);
+                let command = Command::Run(plan_of_run.repeat_with());
+                let bodies = family::of(plan_of_run).shown(plan_of_run);
+                (run, Some((Subject::new(bodies, Origin { title, seed, command }), scene)))
+            }
+        };
+        let simulation = Simulation { run, events: 0, over: false, setup: plan.setup(), shown };
         simulation.check(py)?;
         Ok(simulation)
     }
@@ -188,6 +205,21 @@ impl Simulation {
             (class.name(), counts)
         };
         Class::ALL.into_iter().map(row).collect()
+    }
+    /// Draws the run so far, as `render` does: a file of this format, with options as the query of an address. `None` if the
+    /// protocol is not one in Python.
+    fn render<'py>(
+        &self,
+        py: Python<'py>,
+        format: &str,
+        query: &str,
+    ) -> PyResult<Option<Bound<'py, PyBytes>>> {
+        let Some((subject, scene)) = &self.shown else { return Ok(None) };
+        let kind = Kind::of_extension(format);
+        let kind = kind.ok_or_else(|| PyValueError::new_err(format!("there is no format `{format}`")))?;
+        scene.lock().reach(self.run.now());
+        let drawn = subject.draw(scene, kind, query, &|| true).map_err(PyValueError::new_err)?;
+        Ok(Some(PyBytes::new(py, &drawn.data)))
     }
     /// Returns the report so far as JSON.
     fn report(&self, py: Python<'_>) -> PyResult<String> {

@@ -2,7 +2,8 @@
 
 use crate::protocol::Protocol;
 use crate::protocol::spec::Spec;
-use crate::scenario::{raise, with_faults};
+use crate::raised::raise;
+use crate::scenario::with_faults;
 use metamorph_world_controller::console::interrupt::Interrupt;
 use metamorph_world_controller::console::stopwatch::Stopwatch;
 use metamorph_world_controller::experiments::sweep::grid::{Axis, Grid, Seeds};

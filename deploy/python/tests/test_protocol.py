@@ -93,8 +93,14 @@ def test_parameters_are_set_and_checked() -> None:
         mm.run(SCENARIO, set={"swarm.family": "python"})
     with pytest.raises(ValueError, match="until"):
         mm.run("swarm", until=agreed)
-    with pytest.raises(ValueError, match="simulated"):
-        mm.run(SCENARIO, protocol=Leader, link="ipc")
+    with pytest.raises(ValueError, match="processes of their own"):
+        mm.run(SCENARIO, protocol=Leader, link="ipc", invariants=[no_number_is_made_up])
+
+    class Local(Leader):
+        pass
+
+    with pytest.raises(ValueError, match="at the top of a module"):
+        mm.run(SCENARIO, protocol=Local, link="ipc")
 
 
 class Broken(Leader):
@@ -402,3 +408,153 @@ def test_a_sweep_by_processes_has_the_runs_of_this_one() -> None:
         assert (alone.trace_hash, alone.state_hash) == (runs["trace_hash"][i], runs["state_hash"][i])
     with pytest.raises(mm.ProtocolError, match="lost"):
         mm.sweep(SCENARIO, protocol=Broken, seeds=range(2), jobs=1)
+
+
+def recorded(directory: Path, **more: Any) -> tuple[mm.Report, Path]:
+    journal = directory / "run.journal"
+    report = mm.run(
+        SCENARIO, protocol=Leader, until=agreed, set={"link.loss": "5%"}, faults=FAULTS, journal=journal, **more
+    )
+    return report, journal
+
+
+def test_a_run_is_recorded_and_carried_out_again(tmp_path: Path) -> None:
+    report, path = recorded(tmp_path)
+    plain = mm.run(SCENARIO, protocol=Leader, until=agreed, set={"link.loss": "5%"}, faults=FAULTS)
+    assert report.trace_hash == plain.trace_hash, "recording changes nothing"
+    journal = mm.Journal(path, protocol=Leader, until=agreed)
+    assert (journal.family, journal.modules) == ("python", 100)
+    events = journal.events().to_dict()["event"]
+    assert events.count("died") == 1 and events.count("restarted") == 1
+    assert journal.verify() is None
+    # What happened can be read without the class.
+    unnamed = mm.Journal(path)
+    assert unnamed.per_module().to_dict() == journal.per_module().to_dict()
+    with pytest.raises(mm.JournalError, match="name it: Journal"):
+        unnamed.verify()
+
+
+class Other(Leader):
+    """Does not repeat what it knows."""
+
+    def wake(self, ctx: mm.Context) -> None:
+        pass
+
+
+def test_another_protocol_does_not_fit_a_journal(tmp_path: Path) -> None:
+    _, path = recorded(tmp_path)
+    found = mm.Journal(path, protocol=Other, until=agreed).verify()
+    assert found is not None and "record " in found, found
+
+
+def test_records_are_drawn_exported_and_shown(tmp_path: Path) -> None:
+    import urllib.error
+    import urllib.request
+
+    from mcap.reader import make_reader
+
+    _, path = recorded(tmp_path)
+    journal = mm.Journal(path, protocol=Leader)
+    figure = mm.render(journal, at="500ms", camera="top")
+    assert figure.data.startswith(b"<svg") or b"<svg" in figure.data[:200]
+    mm.export(journal, tmp_path / "run.mcap")
+    with open(tmp_path / "run.mcap", "rb") as file:
+        assert any(True for _ in make_reader(file).iter_messages())
+    with mm.view(journal, "swarm", seed=3) as page:
+        first, second = page.urls
+        assert page._repr_html_().count("<iframe") == 2 and first in page._repr_html_()
+        scene = urllib.request.urlopen(first + "scene").read().decode()
+        assert "election" not in scene and '"modules"' in scene
+        frame = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Dest": "iframe", "Sec-Fetch-Mode": "navigate"}
+        shown = urllib.request.urlopen(urllib.request.Request(second, headers=frame))
+        assert "frame-ancestors http://localhost:*" in shown.headers["Content-Security-Policy"]
+        # Module 3 hears, by the name of the class, of lower numbers.
+        told = urllib.request.urlopen(first + "messages?id=3&at=10000000").read().decode()
+        assert "Lowest 0" in told, told[:300]
+        with pytest.raises(urllib.error.HTTPError):
+            urllib.request.urlopen(urllib.request.Request(first + "scene", headers={"Sec-Fetch-Site": "cross-site"}))
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(first)
+    with pytest.raises(mm.ProgramError, match="no such file"):
+        mm.view("none.journal")
+
+
+def test_a_simulation_is_drawn_as_it_is(tmp_path: Path) -> None:
+    sim = mm.Simulation(SCENARIO, protocol=Leader, until=agreed)
+    sim.advance("100ms")
+    sim.inject("kill 7")
+    sim.advance("100ms")
+    now = mm.render(sim, tmp_path / "now.svg", camera="top")
+    assert now.format == "svg" and (tmp_path / "now.svg").read_bytes() == now.data and b"dead" in now.data
+    assert mm.render(sim, format="png", legend=False).data.startswith(b"\x89PNG")
+    with pytest.raises(ValueError, match="--camera"):
+        mm.render(sim, camera="sideways")
+
+
+@pytest.mark.parametrize("graph", [{"ring": 12}, {"grid": [3, 4]}, {"random": {"modules": 12, "degree": 3}}])
+def test_modules_may_have_any_graph_of_contacts(graph: dict[str, Any]) -> None:
+    def all_agree(reports: Mapping[int, Lowest], now_s: float) -> bool:
+        return len(reports) == 12 and all(r.id == 0 for r in reports.values())
+
+    keys = {"version": 1, "swarm": {"graph": graph}, "link": {"loss": "20%"}}
+    report = mm.run(keys, protocol=Leader, until=all_agree, invariants=[no_number_is_made_up])
+    assert report.outcome == "built" and report.agents["launched"] == 12
+    with pytest.raises(mm.ScenarioError, match="both `start` and `graph`"):
+        mm.run({**keys, "swarm": {**SCENARIO["swarm"], "graph": graph}}, protocol=Leader)
+
+
+def test_the_sum_is_kept_on_a_ring_that_is_cut(tmp_path: Path) -> None:
+    import gossip
+
+    report = mm.run(
+        gossip.SCENARIO, protocol=gossip.Gossip, until=gossip.agreed, invariants=[gossip.keeps_the_sum],
+        journal=tmp_path / "gossip.journal",
+    )
+    assert report.outcome == "built", report.reason
+    assert report.protocol["invariants"][0]["calls"] > 1000
+    journal = mm.Journal(tmp_path / "gossip.journal", protocol=gossip.Gossip, until=gossip.agreed)
+    assert journal.verify() is None
+
+
+def sixteen_agree(reports: Mapping[int, Lowest], now_s: float) -> bool:
+    return len(reports) == 16 and all(r.id == 0 for r in reports.values())
+
+
+class Unlucky(Leader):
+    """Fails in module 5 when it wakes."""
+
+    def wake(self, ctx: mm.Context) -> None:
+        if self.id == 5:
+            raise RuntimeError("out of luck")
+        super().wake(ctx)
+
+
+def test_every_module_may_be_a_process_of_its_own(tmp_path: Path) -> None:
+    keys = scenario(4, 4, fault=[{"kill": 7, "at": "100ms"}, {"restart": 7, "at": "2s"}])
+    journal = tmp_path / "run.journal"
+    report = mm.run(
+        keys, protocol=Leader, until=sixteen_agree, link="ipc", set={"protocol.repeat": "300ms"}, journal=journal
+    )
+    assert (report.outcome, report.link, report.agents["restarted"]) == ("built", "ipc", 1), report.reason
+    assert report.messages["all"]["sent"] > 48 and report.time["virtual_s"] > 2
+    assert mm.Journal(journal, protocol=Leader, until=sixteen_agree).verify() is None
+
+
+def test_an_error_in_a_process_is_reported() -> None:
+    report = mm.run(scenario(4, 4), protocol=Unlucky, until=sixteen_agree, link="ipc", set={"stop.stall": "3s"})
+    assert report.outcome == "deadlock" and report.agents["crashed"] == 1
+    assert "out of luck" in str(report.notes), report.notes
+
+
+def test_a_protocol_that_forgets_what_it_answered_does_not_keep_the_sum() -> None:
+    import gossip
+
+    class Forgetful(gossip.Gossip):
+        def receive(self, ctx: mm.Context, port: int, message: object) -> None:
+            self.answered = {}
+            super().receive(ctx, port, message)
+
+    report = mm.run(
+        gossip.SCENARIO, protocol=Forgetful, until=gossip.agreed, invariants=[gossip.keeps_the_sum]
+    )
+    assert report.outcome == "unsafe" and "keeps_the_sum: the sum is " in report.reason, report.reason

@@ -21,6 +21,12 @@ pub struct Setup {
     pub repeat: Span,
 }
 
+impl Default for Setup {
+    fn default() -> Setup {
+        Setup { repeat: Span::millis(500) }
+    }
+}
+
 /// The message between modules, and the report to the controller: the lowest number heard of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lowest(pub ModuleId);
@@ -106,6 +112,11 @@ impl Agent for Leader {
 }
 
 impl Leader {
+    /// Returns the lowest number that it has heard of.
+    pub fn lowest(&self) -> ModuleId {
+        self.lowest
+    }
+
     fn tell(&mut self, port: Port) {
         if self.touched[port.index()] {
             let message = Lowest(self.lowest);

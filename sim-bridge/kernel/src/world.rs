@@ -4,6 +4,7 @@
 //! implementation per family; the runtime does not depend on the family.
 
 pub mod body_queue;
+pub mod contact_graph;
 pub mod grid;
 pub mod invariants;
 

@@ -1,10 +1,10 @@
-//! Bodies of cubes for agents of any protocol: the world of cubes, with checks that its user gives instead of the
-//! audits of the built-in protocol. Space, support and connection are checked as ever.
+//! Bodies of cubes for agents of any protocol: the world of cubes, without the audits of the built-in protocol. Space, support
+//! and connection are checked as ever.
 
 use crate::cube::world::CubeWorld;
 use metamorph_kernel::kernel::audited::{Agents, Audited};
 use metamorph_kernel::world::World;
-use metamorph_kernel::world::invariants::{Invariant, Violation};
+use metamorph_kernel::world::invariants::Violation;
 use metamorph_protocol::agent::Agent;
 use metamorph_protocol::cube::body::{Move, Percept};
 use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
@@ -14,38 +14,17 @@ use metamorph_protocol::time::Time;
 use std::hash::Hasher;
 use std::marker::PhantomData;
 
-/// A check of a whole run. Returns what is wrong.
-pub type Check = Box<dyn Fn(Time) -> Result<(), String> + Send + Sync>;
-
 /// A world of cubes whose agents are `A`.
 pub struct CubeBodies<A> {
     /// The bodies.
     pub cubes: CubeWorld,
-    checks: Vec<(Invariant, Check)>,
-    /// Whether the checks are made at full audits only.
-    only_at_audits: bool,
     agent: PhantomData<fn() -> A>,
 }
 
 impl<A> CubeBodies<A> {
-    /// Gives the bodies of a world to agents of another protocol. The checks are made after every input of an agent, so that
-    /// no state of the agents is missed, and at every full audit.
-    pub fn new(cubes: CubeWorld, checks: Vec<(Invariant, Check)>) -> CubeBodies<A> {
-        CubeBodies { cubes, checks, only_at_audits: false, agent: PhantomData }
-    }
-
-    /// Makes the checks at full audits only.
-    #[must_use]
-    pub fn checked_at_audits(self) -> CubeBodies<A> {
-        CubeBodies { only_at_audits: true, ..self }
-    }
-
-    fn check(&self, now: Time, found: &mut Vec<Violation>) {
-        for (invariant, check) in &self.checks {
-            if let Err(what) = check(now) {
-                found.push(Violation { invariant: *invariant, at: now, what });
-            }
-        }
+    /// Gives the bodies of a world to agents of another protocol.
+    pub fn new(cubes: CubeWorld) -> CubeBodies<A> {
+        CubeBodies { cubes, agent: PhantomData }
     }
 }
 
@@ -79,14 +58,8 @@ impl<A: Agent<Place = Cell, Action = Move, Percept = Percept>> World for CubeBod
 }
 
 impl<A: Agent<Place = Cell, Action = Move, Percept = Percept>> Audited for CubeBodies<A> {
-    fn audit_agent(&mut self, now: Time, _: ModuleId, _: &Agents<'_, A>, found: &mut Vec<Violation>) {
-        if !self.only_at_audits {
-            self.check(now, found);
-        }
-    }
-    fn audit_all(&mut self, now: Time, _: &Agents<'_, A>, found: &mut Vec<Violation>) {
+    fn audit_all(&mut self, now: Time, _: &Agents<'_, A>, _: &mut Vec<Violation>) {
         self.cubes.check_connected(now);
-        self.check(now, found);
     }
     fn take_violations(&mut self) -> Vec<Violation> {
         self.cubes.take_violations()

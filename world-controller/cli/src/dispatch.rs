@@ -11,6 +11,7 @@ use metamorph_console::terminal::{self, ColorChoice, choose_color, note, print_e
 use metamorph_processes::{family, swarm};
 use metamorph_text::command_error::{BAD_USAGE, CommandError, FAILED, Failure};
 use metamorph_text::escape::Shown;
+use metamorph_text::program;
 use rustix::fs::Mode;
 use rustix::process::umask;
 use std::ffi::OsString;
@@ -53,6 +54,9 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         };
     }
     keep_own_permissions();
+    if let Some(name) = args.first().and_then(|program| Path::new(program).file_name()) {
+        program::set_name(&name.to_string_lossy());
+    }
     let line = match command_line().try_get_matches_from(&args) {
         Ok(line) => line,
         Err(error) => return ExitCode::from(refuse(&error, &args)),

@@ -15,6 +15,7 @@ use metamorph_processes::swarm::{
 use metamorph_protocol::ids::HostId;
 use metamorph_scenario::Plan;
 use metamorph_text::command_error::{CommandError, FAILED, Failure};
+use metamorph_text::program;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -145,7 +146,7 @@ pub fn host(args: HostArgs, interrupt: &Interrupt) -> Result<u8, Failure> {
 /// Returns the command line of the agents of a family.
 fn agents(family: &str) -> Option<(PathBuf, Vec<OsString>)> {
     let name = family::named(family)?.name();
-    Some((std::env::current_exe().ok()?, vec!["agent".into(), "--".into(), name.into()]))
+    Some((std::env::current_exe().ok()?, program::again(["agent".into(), "--".into(), name.into()])))
 }
 
 #[cfg(feature = "hosts")]

@@ -131,7 +131,7 @@ Examples:
   metamorph new mine.toml
   metamorph new chairs.toml --family metamodule
   metamorph new tower.toml --like rabbit --minimal
-  metamorph new --protocol leader           a crate with a protocol, both drivers and tests
+  metamorph new --protocol leader           a program with a protocol, as a family of modules, and tests
 
 Keys that are not set are commented out, with their defaults or examples. An existing file is never
 overwritten.

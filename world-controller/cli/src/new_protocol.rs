@@ -17,10 +17,10 @@ const FILES: [(&str, &str); 8] = [
     (".gitignore", include_str!("../shipped/template/gitignore")),
     ("Cargo.toml", include_str!("../shipped/template/manifest.toml")),
     ("README.md", include_str!("../shipped/template/README.md")),
-    ("src/election.rs", include_str!("../shipped/template/election.rs")),
+    ("ring.toml", include_str!("../shipped/template/ring.toml")),
+    ("src/family.rs", include_str!("../shipped/template/family.rs")),
     ("src/leader.rs", include_str!("../shipped/template/leader.rs")),
     ("src/main.rs", include_str!("../shipped/template/main.rs")),
-    ("src/run.rs", include_str!("../shipped/template/run.rs")),
 ];
 
 /// Returns a name for a crate that is like that of a directory.
@@ -50,7 +50,7 @@ pub fn protocol(directory: &Path) -> Result<String, NewError> {
         Outputs::new().creates("new --protocol", &path)?.write(text.replace(NAME, &name))?;
     }
     Ok(format!(
-        "{}: a protocol, its drivers and tests, as the crate {name}\n  name your clone of Metamorph in {}, then: cd {} && cargo test\n",
+        "{}: a protocol, its family and tests, as the crate {name}\n  name your clone of Metamorph in {}, then: cd {} && cargo test\n",
         directory.shown(),
         directory.join("Cargo.toml").shown(),
         quote(directory.shown()),
@@ -115,7 +115,7 @@ mod tests {
             .iter()
             .filter(|(name, _)| name.starts_with("metamorph-"))
             .collect();
-        assert_eq!(ours.len(), 4);
+        assert_eq!(ours.len(), 3);
         assert!(
             ours.iter().all(|(_, version)| version.as_str() == Some(env!("CARGO_PKG_VERSION"))),
             "{ours:?}"

@@ -12,8 +12,10 @@ use metamorph_module_agent::regular_file;
 use metamorph_protocol::counters::Class;
 use metamorph_report::plot_file;
 use metamorph_report::plots::{Row, bars};
+use metamorph_scenario::quote;
 use metamorph_text::command_error::{BAD_USAGE, CommandError, FAILED, Failure};
 use metamorph_text::escape::{Shown, portable};
+use metamorph_text::program;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::io::IsTerminal;
@@ -143,7 +145,12 @@ fn write(args: &RenderArgs) -> Result<u8, PlotError> {
         (false, None | Some(Quantity::Messages)) => of_report(&args.file)?,
         (false, Some(quantity)) => return Err(PlotError::OfReport(name(quantity))),
     };
-    let command = format!("metamorph render {} --plot {}", portable(&args.file), plotted.name);
+    let command = format!(
+        "{} render {} --plot {}",
+        quote(program::name().to_owned()),
+        portable(&args.file),
+        plotted.name
+    );
     let about = format!("{}. Made by metamorph {}: {command}", plotted.about, env!("CARGO_PKG_VERSION"));
     let svg = plot_file::file(plotted.plot, &about).ok_or(PlotError::Nothing(plotted.name))?;
     if let Some(table) = &table {

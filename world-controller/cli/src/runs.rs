@@ -7,7 +7,7 @@ use metamorph_console::output_kind::OutputKind;
 use metamorph_console::terminal::{self, Channel, print_error};
 use metamorph_families::free_module::plan_scene::plan_scene;
 use metamorph_free_modules::plan::document::PlanFile;
-use metamorph_processes::control::{Operators, SharedQueue, queue};
+use metamorph_processes::control::{SharedQueue, queue};
 use metamorph_processes::family::{self, Recorded, read_file, recorded, scene};
 use metamorph_processes::run::PageChannels;
 use metamorph_report::human;
@@ -19,10 +19,11 @@ use metamorph_scene::shared::Shared;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_text::command_error::{BAD_USAGE, CommandError, FAILED, Failure};
 use metamorph_text::escape::{Shown, portable};
+use metamorph_text::program;
 use metamorph_view::http::ServerError;
 use metamorph_view::request::{Command, Origin, Request, Source};
 use metamorph_view::saved::Subject;
-use metamorph_view::server::Server;
+use metamorph_view::server::{Server, Use};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -85,7 +86,7 @@ impl Show {
             };
             let origin = Origin { title: plan.title(), seed: plan.seed, command };
             let subject = Subject::new(family::of(plan).shown(plan), origin);
-            print_error(&address(scene, subject, port, operators)?);
+            print_error(&address(scene, subject, port, operators.map_or(Use::Shown, Use::Controlling))?);
         }
         Ok(Show { json, html, view: view.is_some(), quiet, scene, control, interrupt: interrupt.clone() })
     }
@@ -158,9 +159,9 @@ pub fn address(
     scene: &Shared,
     subject: Subject,
     port: Option<u16>,
-    operators: Option<Operators>,
+    admitted: Use,
 ) -> Result<String, ServerError> {
-    let server = Server::start(scene.clone(), subject, port, operators)?;
+    let server = Server::start(scene.clone(), subject, port, admitted)?;
     let control = server.controlling_address().map(|address| format!("\nto command the run, open {address}"));
     Ok(format!("open {} in a browser{}\nCtrl-C ends it", server.address(), control.unwrap_or_default()))
 }
@@ -189,12 +190,13 @@ fn finish(scene: &Shared, plan: &Plan, report: &Report, journal: Option<&Path>) 
 /// Shows a plan step by step, until a signal asks the program to end.
 pub fn view_plan(plan: &PlanFile, port: Option<u16>, interrupt: &Interrupt) -> Result<(), Failure> {
     let words = std::env::args().skip(1).map(quote);
-    let repeat = std::iter::once("metamorph".to_owned()).chain(words).collect::<Vec<_>>().join(" ");
+    let repeat =
+        std::iter::once(quote(program::name().to_owned())).chain(words).collect::<Vec<_>>().join(" ");
     let (scene, bodies) = plan_scene(plan, repeat.clone())?;
     let origin = Origin { title: "plan".to_owned(), seed: 0, command: Command::Run(repeat) };
     interrupt.begin();
     // Standard output is for the answer.
-    print_error(&address(&Shared::new(scene), Subject::new(Box::new(bodies), origin), port, None)?);
+    print_error(&address(&Shared::new(scene), Subject::new(Box::new(bodies), origin), port, Use::Shown)?);
     interrupt.wait();
     Ok(())
 }

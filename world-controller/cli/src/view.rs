@@ -14,6 +14,7 @@ use metamorph_scenario::shipped::is_scenario;
 use metamorph_scene::shared::Shared;
 use metamorph_text::command_error::Failure;
 use metamorph_view::saved::Subject;
+use metamorph_view::server::Use;
 use std::path::PathBuf;
 
 /// Examples for the help.
@@ -48,10 +49,14 @@ pub struct ViewArgs {
     /// The port of the page's address, for example one that is forwarded; default: any free one
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub port: Option<u16>,
+    /// Let other pages of this machine show the page in a frame, for example a notebook
+    #[arg(long)]
+    pub embed: bool,
 }
 
 /// Shows a journal, or a scenario that is simulated meanwhile.
 fn view(args: &ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Failure> {
+    let admitted = if args.embed { Use::InFrames } else { Use::Shown };
     if !is_scenario(family::sources(), &args.file) {
         args.simulated.must_be_left_out()?;
         let Recorded { plan, scene, damage } = recorded(&args.file)?;
@@ -61,7 +66,7 @@ fn view(args: &ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, 
         interrupt.begin();
         let subject =
             Subject::new(family::of(&plan).shown(&plan), origin(&plan, &args.file, &args.simulated));
-        print_out(&address(&Shared::new(scene), subject, args.port, None)?);
+        print_out(&address(&Shared::new(scene), subject, args.port, admitted)?);
         wait_for_end(interrupt);
         return damage.map_or(Ok(0), |damage| Err(JournalFailure::from(damage).into()));
     }
@@ -69,7 +74,7 @@ fn view(args: &ViewArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, 
     let scene = Shared::new(scene(&plan, true));
     interrupt.begin();
     let subject = Subject::new(family::of(&plan).shown(&plan), origin(&plan, &args.file, &args.simulated));
-    print_out(&address(&scene, subject, args.port, None)?);
+    print_out(&address(&scene, subject, args.port, admitted)?);
     let scribe = Some(family::of(&plan).shown(&plan).scribe(scene.clone()));
     let page = PageChannels { scribe, ..PageChannels::default() };
     let report = run_simulated(&plan, interrupt, &mut Live::new(true), since, None, page);

@@ -11,6 +11,7 @@ mod command_forms_tests;
 pub mod cube;
 pub mod free_module;
 pub mod generated;
+pub mod graphs;
 pub mod metamodule;
 pub mod runnable;
 pub mod scene_builder;
@@ -20,6 +21,7 @@ pub mod worded;
 
 use generated::{Dice, GeneratedSwarm};
 use metamorph_protocol::agent::Agent;
+use metamorph_protocol::ids::ModuleId;
 use metamorph_report::schema::Report;
 use metamorph_scenario::Plan;
 use metamorph_scenario::family::{Families, ScenarioFamily};
@@ -74,6 +76,10 @@ pub trait FamilyParts: ExploredFamily {
 
     /// Where each body is at the start.
     fn places(&self, swarm: &Self::Swarm) -> Vec<<AgentOf<Self::Swarm> as Agent>::Place>;
+    /// Contacts that do not follow from the places of bodies, for pictures.
+    fn drawn_contacts(&self, _: &Self::Swarm) -> Vec<[ModuleId; 2]> {
+        Vec::new()
+    }
 }
 
 /// The interface of a family for all who run, read and show scenarios.
@@ -94,7 +100,8 @@ where
     fn shown(&self, plan: &Plan) -> Box<dyn ShownSwarm + Send> {
         let swarm = plan.swarm.own::<F::Swarm>();
         let (setup, places) = (Arc::clone(swarm.setup()), self.places(swarm));
-        Box::new(Bodies::<AgentOf<F::Swarm>> { setup, places })
+        let contacts = self.drawn_contacts(swarm);
+        Box::new(Bodies::<AgentOf<F::Swarm>> { setup, places, contacts })
     }
 }
 

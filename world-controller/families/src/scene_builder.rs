@@ -57,13 +57,13 @@ impl<A: Visible> SceneBuilder<A> {
             }
             E::Act { id, action, .. } => {
                 let action: A::Action = action.read()?;
-                let Bodies { setup, places } = &self.bodies;
+                let Bodies { setup, places, .. } = &self.bodies;
                 let begun = places.get(id.index()).and_then(|place| A::motion(setup, place, &action));
                 scene.asked(at, *id, begun.map(|(motion, to)| (motion, A::whereabouts(&to))));
             }
             E::Sensed { id, sensed: Sensed::Percept(percept) } => {
                 let percept: A::Percept = percept.read()?;
-                let Bodies { setup, places } = &self.bodies;
+                let Bodies { setup, places, .. } = &self.bodies;
                 match places.get(id.index()).and_then(|place| A::carried(setup, place, &percept)) {
                     Some((motion, to)) => scene.asked(at, *id, Some((motion, A::whereabouts(&to)))),
                     None => scene.went(at, *id, A::fate(&percept)),
@@ -87,7 +87,7 @@ impl<A: Visible> SceneBuilder<A> {
             }
             E::Step(step) => {
                 if let (Some(id), Consumed::Message { class, name, message, .. }) = (own, &step.input) {
-                    let said = A::said(&message.read()?);
+                    let said = A::said(&self.bodies.setup, &message.read()?);
                     scene.flow().delivered(at, name.from, id, *class, said);
                 }
             }

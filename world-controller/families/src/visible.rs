@@ -2,6 +2,7 @@
 
 use crate::scene_builder::SceneBuilder;
 use metamorph_protocol::agent::Agent;
+use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::record::Blob;
 use metamorph_protocol::time::Span;
@@ -46,7 +47,7 @@ pub trait Visible: Agent {
     /// Returns the state that a report contains.
     fn standing(report: &Self::Report) -> ModuleView;
     /// Returns the label of a message.
-    fn said(message: &Self::Message) -> MessageLabel;
+    fn said(setup: &Self::Setup, message: &Self::Message) -> MessageLabel;
     /// Returns the distance to a target in moves, from the gradient of an agent's summary; [`FAR`] if it
     /// knows of none.
     ///
@@ -86,6 +87,8 @@ pub struct Bodies<A: Visible> {
     pub setup: Arc<A::Setup>,
     /// The place of each body.
     pub places: Vec<A::Place>,
+    /// Contacts that do not follow from the places, for [`Stage::contacts`].
+    pub contacts: Vec<[ModuleId; 2]>,
 }
 
 impl<A: Visible<Place: 'static> + 'static> ShownSwarm for Bodies<A> {
@@ -93,7 +96,7 @@ impl<A: Visible<Place: 'static> + 'static> ShownSwarm for Bodies<A> {
         &A::WORDS
     }
     fn stage(&self) -> Stage {
-        A::stage(&self.setup)
+        Stage { contacts: self.contacts.clone(), ..A::stage(&self.setup) }
     }
     fn answer_within(&self) -> Option<Span> {
         A::answer_within(&self.setup)

@@ -30,7 +30,7 @@ pub fn at(time: Time) -> String {
 }
 
 /// Describes a record of an agent; a wake-up without effect is left out.
-pub fn tell<A: Worded>(out: &mut String, record: &Record, incarnation: Incarnation) {
+pub fn tell<A: Worded>(out: &mut String, setup: &A::Setup, record: &Record, incarnation: Incarnation) {
     // Writing to a string cannot fail.
     let _ = match &record.event {
         Event::Born { place } => {
@@ -43,7 +43,7 @@ pub fn tell<A: Worded>(out: &mut String, record: &Record, incarnation: Incarnati
         }
         Event::State(summary) => writeln!(out, "{}  is now {}", at(record.at), state(summary)),
         Event::Step(step) if is_idle(step) => Ok(()),
-        Event::Step(step) => write_step::<A>(out, record.at, step),
+        Event::Step(step) => write_step::<A>(out, setup, record.at, step),
         _ => Ok(()),
     };
 }
@@ -52,9 +52,9 @@ fn is_idle(step: &Step) -> bool {
     matches!(step.input, Consumed::Wake) && step.sent.is_empty() && step.told.is_empty()
 }
 
-fn write_step<A: Worded>(out: &mut String, time: Time, step: &Step) -> std::fmt::Result {
+fn write_step<A: Worded>(out: &mut String, setup: &A::Setup, time: Time, step: &Step) -> std::fmt::Result {
     let what = match input(&step.input) {
-        Ok(taken) => taking::<A>(&step.input, taken),
+        Ok(taken) => taking::<A>(setup, &step.input, taken),
         Err(why) => why,
     };
     writeln!(out, "{}  {what}", at(time))?;
@@ -75,12 +75,19 @@ fn write_step<A: Worded>(out: &mut String, time: Time, step: &Step) -> std::fmt:
     Ok(())
 }
 
-fn taking<A: Worded>(recorded: &Consumed, taken: InputOf<A>) -> String {
+fn taking<A: Worded>(setup: &A::Setup, recorded: &Consumed, taken: InputOf<A>) -> String {
     match (recorded, taken) {
         (Consumed::Message { name, class, .. }, Input::Message { message, .. }) => {
-            format!("hears from {}: {} ({class}, message {})", name.from, A::said(&message), name.number)
+            format!(
+                "hears from {}: {} ({class}, message {})",
+                name.from,
+                A::said(setup, &message),
+                name.number
+            )
         }
-        (_, Input::Message { port, message }) => format!("hears at port {port}: {}", A::said(&message)),
+        (_, Input::Message { port, message }) => {
+            format!("hears at port {port}: {}", A::said(setup, &message))
+        }
         (_, Input::Contact { port, session: Some(session) }) => {
             format!("touches a neighbour at port {port} (session {})", session.0)
         }

@@ -36,7 +36,7 @@ use std::path::Path;
 use std::sync::OnceLock;
 use thiserror::Error;
 
-pub use metamorph_families::{FamilyParts, cube, free_module, generated, metamodule};
+pub use metamorph_families::{FamilyParts, cube, free_module, generated, graphs, metamodule};
 pub use metamorph_runs::scene;
 
 /// The file system, and the files that ship with the program.
@@ -194,6 +194,13 @@ pub fn simulate(plan: &Plan, since: Stopwatch, watch: &mut Watch<'_>) -> (Report
 /// Begins a simulated run that is carried out in steps, for programs that embed one.
 pub fn begin(plan: &Plan) -> Box<dyn SteppedRun> {
     metamorph_runs::begin(plan, RealMachine::since(Stopwatch::start()), None)
+}
+
+/// Begins a simulated run in steps, and returns with it the scene that it fills.
+pub fn begin_shown(plan: &Plan) -> (Box<dyn SteppedRun>, Shared) {
+    let scene = Shared::new(scene(plan, true));
+    let log = of(plan).shown(plan).scribe(scene.clone());
+    (metamorph_runs::begin(plan, RealMachine::since(Stopwatch::start()), Some(log)), scene)
 }
 
 /// Simulates a plan to its end, or until interrupted, with a progress line. `since` was started with the

@@ -33,7 +33,13 @@ fn write_all(out: &mut String, r: &Report, words: &Words, paint: Paint) -> std::
     writeln!(out)?;
     let g = &r.goal;
     let share = whole_percent(g.filled, g.cells);
-    writeln!(out, "  goal        {} of {} filled ({share})", count(g.filled), many(g.cells, words.part))?;
+    writeln!(
+        out,
+        "  goal        {} of {} {} ({share})",
+        count(g.filled),
+        many(g.cells, words.part),
+        words.filled
+    )?;
     if let [only] = &r.stages[..]
         && let Some(share) = only.share_of_shape()
     {
@@ -57,7 +63,9 @@ fn write_all(out: &mut String, r: &Report, words: &Words, paint: Paint) -> std::
         count(a.crashed),
         count(a.restarted)
     )?;
-    write_moves(out, r)?;
+    if words.collisions.is_some() {
+        write_moves(out, r)?;
+    }
     write_standstills(out, r)?;
     write_collisions_and_time(out, r, words)?;
     write_invariants(out, r, paint)?;
@@ -102,16 +110,16 @@ fn write_standstills(out: &mut String, r: &Report) -> std::fmt::Result {
 /// Writes the collisions and the times of the run.
 fn write_collisions_and_time(out: &mut String, r: &Report, words: &Words) -> std::fmt::Result {
     let (c, t) = (&r.collisions, &r.time);
-    writeln!(
-        out,
-        "  collisions  {} attempted, {} prevented by {}, {} by {}, {} suffered",
-        count(c.attempted),
-        count(c.prevented),
-        words.negotiation,
-        count(c.refused),
-        words.body,
-        count(c.suffered)
-    )?;
+    if let Some([negotiation, body]) = words.collisions {
+        writeln!(
+            out,
+            "  collisions  {} attempted, {} prevented by {negotiation}, {} by {body}, {} suffered",
+            count(c.attempted),
+            count(c.prevented),
+            count(c.refused),
+            count(c.suffered)
+        )?;
+    }
     writeln!(
         out,
         "  time        {} in the scenario ({}), {} real, {} to set up",

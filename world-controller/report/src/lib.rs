@@ -202,25 +202,25 @@ pub fn ended(account: &RunResult, machine_fault: Option<&str>) -> Outcome {
 }
 
 fn reason(outcome: Outcome, facts: &Facts<'_>, unbuilt: Option<&Standstill>) -> String {
-    let Words { modules, cell, part, .. } = *facts.plan.swarm.words();
+    let Words { modules, cell, part, filled: reached, .. } = *facts.plan.swarm.words();
     let Progress { filled, goal, .. } = facts.account.progress;
     let why = unbuilt.map(|s| s.text.as_str());
     let unknown = "no reason found";
     let so_far = format!("{} of {}", count(filled as u64), many(goal as u64, part));
     match outcome {
-        Outcome::Built => format!("every {cell} is filled{}", standstills::help(&facts.account)),
+        Outcome::Built => format!("every {cell} is {reached}{}", standstills::help(&facts.account)),
         Outcome::Unsafe => match facts.violations.first() {
             Some(first) => format!("an invariant broke: {first}"),
             None => "an invariant broke".to_owned(),
         },
         Outcome::Aborted => match &facts.machine_fault {
-            Some(why) => format!("machine: {why}; it says nothing about the protocol ({so_far} filled)"),
-            None => format!("stopped from outside with {so_far} filled"),
+            Some(why) => format!("machine: {why}; it says nothing about the protocol ({so_far} {reached})"),
+            None => format!("stopped from outside with {so_far} {reached}"),
         },
         // Whether the modules could have continued says more than what held each of them just then.
         Outcome::Timeout => {
             let prospect = unbuilt.map_or(unknown, |s| s.prospect.as_str());
-            format!("the time limit was reached with {so_far} filled; {prospect}")
+            format!("the time limit was reached with {so_far} {reached}; {prospect}")
         }
         Outcome::Livelock => format!(
             "{modules} moved, but no {cell} was filled for {}; {}",

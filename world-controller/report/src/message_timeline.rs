@@ -26,8 +26,8 @@ const KEPT: usize = 6;
 pub struct MessageLabel {
     /// A description.
     pub what: &'static str,
-    /// The module that the message is about.
-    pub whom: Option<ModuleId>,
+    /// A number behind it: the module that the message is about, or a value that it carries.
+    pub number: Option<i64>,
     /// The sender's distance to a target.
     pub distance: Option<u16>,
 }
@@ -35,19 +35,23 @@ pub struct MessageLabel {
 impl MessageLabel {
     /// Creates contents with a description only.
     pub const fn of(what: &'static str) -> MessageLabel {
-        MessageLabel { what, whom: None, distance: None }
+        MessageLabel { what, number: None, distance: None }
     }
     /// Creates contents about a module.
     pub const fn about(what: &'static str, whom: ModuleId) -> MessageLabel {
-        MessageLabel { whom: Some(whom), ..MessageLabel::of(what) }
+        MessageLabel::with(what, whom.0 as i64)
+    }
+    /// Creates contents that carry a value.
+    pub const fn with(what: &'static str, number: i64) -> MessageLabel {
+        MessageLabel { number: Some(number), ..MessageLabel::of(what) }
     }
 }
 
 impl fmt::Display for MessageLabel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.what)?;
-        if let Some(whom) = self.whom {
-            write!(f, " {whom}")?;
+        if let Some(number) = self.number {
+            write!(f, " {number}")?;
         }
         match self.distance {
             None => Ok(()),

@@ -30,10 +30,10 @@ pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin], picture: Op
         @if let Some(text) = &plan.description { p.lead { (text.trim()) } }
         dl.facts {
             div { dt { "outcome" } dd.bad[!good] { (report.outcome) } }
-            div { dt { (words.cells) " filled" } dd { (count(report.goal.filled)) " of " (count(report.goal.cells)) } }
+            div { dt { (words.cells) " " (words.filled) } dd { (count(report.goal.filled)) " of " (count(report.goal.cells)) } }
             @for share in report.stages.iter().filter_map(StageReport::share_of_shape) { div { dt { "shape" } dd { (share) } } }
             div { dt { (words.modules) " alive" } dd { (count(report.agents.alive)) " of " (count(report.agents.launched)) } }
-            div { dt { "moves" } dd { (count(report.moves)) } }
+            @if words.collisions.is_some() { div { dt { "moves" } dd { (count(report.moves)) } } }
             div { dt { "messages" } dd { (count(report.messages.total)) } }
             div { dt { "scenario time" } dd { (seconds(report.time.virtual_s)) } }
             div { dt { "invariants broken" } dd.bad[report.invariants.broken > 0] { (count(report.invariants.broken)) } }
@@ -74,7 +74,7 @@ pub fn page(report: &Report, plan: &Plan, width: Span, bins: &[Bin], picture: Op
 fn standstill(s: &Standstill, words: &Words) -> Markup {
     let list = |ids: &[u32]| ids.iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
     html! {
-        p { "Since " (seconds(s.since_s)) " nothing has changed; " (many(s.open.len() as u64, words.cell)) " not filled; " (s.prospect) "." }
+        p { "Since " (seconds(s.since_s)) " nothing has changed; " (many(s.open.len() as u64, words.cell)) " not " (words.filled) "; " (s.prospect) "." }
         @if !s.wait_cycle.is_empty() {
             p.warning { "These wait for each other in a circle: " (list(&s.wait_cycle)) "." }
         }
@@ -174,12 +174,14 @@ fn over_time(report: &Report, words: &Words, width: f64, bins: &[Bin]) -> Markup
     html! {
         (figure(
             areas(&[layer("filled", "filled", &|b| b.filled as f64)], width, end, &marks, "goal cells filled over time"),
-            html! { "Progress of the goal: " (words.cells) " filled, of the goal that was being built." (marked) },
+            html! { "Progress of the goal: " (words.cells) " " (words.filled) ", of the goal that was being built." (marked) },
         ))
-        (figure(
-            areas(&[layer("moves", "moves", &|b| b.moves as f64 / width)], width, end, &marks, "moves over time"),
-            html! { (capitalized(words.action)) "s that ended in each second." },
-        ))
+        @if words.collisions.is_some() {
+            (figure(
+                areas(&[layer("moves", "moves", &|b| b.moves as f64 / width)], width, end, &marks, "moves over time"),
+                html! { (capitalized(words.action)) "s that ended in each second." },
+            ))
+        }
         @if bins.iter().any(|b| b.totals.iter().any(|n| *n > 0)) {
             (figure(
                 areas(&classes, width, end, &marks, "messages over time"),
@@ -253,7 +255,7 @@ fn latencies(latency: &LatencyReport) -> Markup {
 fn numbers(report: &Report, words: &Words) -> Markup {
     let (c, d) = (&report.collisions, &report.move_details);
     let actions = |what: &str| format!("{}s {what}", words.action);
-    let rows = [
+    let of_bodies = [
         (actions("begun"), d.started),
         (actions("completed"), d.completed),
         (actions("of modules that the controller called"), d.called),
@@ -265,10 +267,14 @@ fn numbers(report: &Report, words: &Words) -> Markup {
         ("collisions attempted".into(), c.attempted),
         ("collisions prevented".into(), c.prevented),
         ("collisions suffered".into(), c.suffered),
+    ];
+    let of_processes = [
         ("processes that died".into(), report.agents.crashed),
         ("processes started again".into(), report.agents.restarted),
         ("invariants checked".into(), report.invariants.checked),
     ];
+    let of_bodies = of_bodies.into_iter().filter(|_| words.collisions.is_some());
+    let rows = of_bodies.chain(of_processes);
     html! {
         h2 { "Numbers" }
         div.wide { table {

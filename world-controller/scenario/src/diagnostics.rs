@@ -71,6 +71,8 @@ struct Source {
     text: Box<str>,
     /// The families that it may name.
     families: Families,
+    /// Notes about the other files that it names, which can be used all the same.
+    notes: Vec<String>,
 }
 
 /// All problems of one scenario; never empty when returned as an error.
@@ -91,7 +93,12 @@ impl Diagnostics {
     /// Creates an empty list for a text from the file `origin` that may name these families.
     pub fn new(families: Families, origin: &str, text: &str) -> Diagnostics {
         Diagnostics {
-            source: Box::new(Source { origin: origin.into(), text: text.into(), families }),
+            source: Box::new(Source {
+                origin: origin.into(),
+                text: text.into(),
+                families,
+                notes: Vec::new(),
+            }),
             options: BTreeMap::new(),
             files: Vec::new(),
             family: "",
@@ -115,6 +122,16 @@ impl Diagnostics {
     /// Returns the files named so far.
     pub fn files(&self) -> &[PathBuf] {
         &self.files
+    }
+    /// Notes what is worth knowing about a file although it can be used.
+    pub fn remark(&mut self, note: String) {
+        if !self.source.notes.contains(&note) {
+            self.source.notes.push(note);
+        }
+    }
+    /// Returns the notes so far, each once.
+    pub fn notes(&self) -> &[String] {
+        &self.source.notes
     }
     /// Creates a single problem with a file whose text is not known.
     pub fn of_file(origin: &str, scenario_error: ScenarioError) -> Diagnostics {

@@ -295,10 +295,11 @@ pub struct Words {
     pub part: &'static str,
     /// Several parts of a goal.
     pub cells: &'static str,
-    /// The mechanism that prevents collisions between modules.
-    pub negotiation: &'static str,
-    /// The instance that refuses impossible actions.
-    pub body: &'static str,
+    /// The state of a part of a goal that is reached.
+    pub filled: &'static str,
+    /// The mechanism that prevents collisions between modules, and the instance that refuses impossible actions; `None` if
+    /// bodies do not act.
+    pub collisions: Option<[&'static str; 2]>,
     /// A predicate for a spare module that makes no progress, for example `is free`.
     pub idle: &'static str,
     /// The unit of time, in the singular.

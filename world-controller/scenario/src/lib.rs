@@ -52,6 +52,7 @@ use metamorph_kernel::director::faults::Schedule;
 use metamorph_kernel::director::progress::Stop;
 use metamorph_kernel::director::rescue::Rescue;
 use metamorph_text::escape::portable;
+use metamorph_text::program;
 use metamorph_text::sources::Sources;
 use operator::OperatorPlan;
 pub use plan::LinkChange;
@@ -157,6 +158,8 @@ pub struct Plan {
     pub origin: String,
     /// Other files that shapes are read from.
     pub files: Vec<PathBuf>,
+    /// Notes about these files: faults that were read over, and content that was left out.
+    pub notes: Vec<String>,
     /// The text of the scenario.
     pub text: Arc<str>,
     /// The overrides of the command line.
@@ -222,7 +225,7 @@ impl Plan {
     }
 
     fn repeat(&self, file: String) -> String {
-        let mut words = vec!["metamorph".to_owned(), "run".to_owned(), quote(file)];
+        let mut words = vec![quote(program::name().to_owned()), "run".to_owned(), quote(file)];
         words.extend(["--link".to_owned(), self.overrides.link.name().to_owned()]);
         words.extend(["--seed".to_owned(), self.seed.to_string()]);
         words.extend(self.overrides.options().into_iter().map(quote));
@@ -332,8 +335,8 @@ pub fn read_text(
     let raw = raw::Raw::read(document.get_ref(), overrides, elsewhere, &mut diagnostics);
     match plan::make(&raw, overrides, &mut diagnostics) {
         Some(plan) if diagnostics.is_empty() => {
-            let files = diagnostics.files().to_vec();
-            Ok(Plan { origin: origin.to_owned(), files, text: Arc::from(text), ..plan })
+            let (files, notes) = (diagnostics.files().to_vec(), diagnostics.notes().to_vec());
+            Ok(Plan { origin: origin.to_owned(), files, notes, text: Arc::from(text), ..plan })
         }
         _ => Err(diagnostics.sorted()),
     }

@@ -31,11 +31,14 @@ fn write_all(out: &mut String, plan: &Plan) -> std::fmt::Result {
     plan.swarm.describe(plan, out)?;
     write_link(out, plan)?;
     let stop = &plan.stop;
-    writeln!(
-        out,
-        "  ends      at {} at the latest; no move for {} is a deadlock, nothing new filled for {} a livelock",
-        stop.timeout, stop.stall, stop.livelock
-    )?;
+    write!(out, "  ends      at {} at the latest; ", stop.timeout)?;
+    match plan.swarm.words().collisions {
+        Some(_) => {
+            let (stall, livelock) = (stop.stall, stop.livelock);
+            writeln!(out, "no move for {stall} is a deadlock, nothing new filled for {livelock} a livelock")?;
+        }
+        None => writeln!(out, "no report for {} is a deadlock", stop.stall)?,
+    }
     if stop.timeout.since(Time::ZERO) < stop.stall * STANDSTILLS {
         writeln!(
             out,
@@ -50,6 +53,9 @@ fn write_all(out: &mut String, plan: &Plan) -> std::fmt::Result {
     }
     writeln!(out, "  rescue    {}", rescue(plan))?;
     write_faults(out, plan)?;
+    for note in &plan.notes {
+        writeln!(out, "  note      {}", note.shown())?;
+    }
     writeln!(out)?;
     writeln!(out, "  run it with {}", plan.repeat_here())
 }

@@ -144,9 +144,13 @@ fn file(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Vec<Cell>> {
         drop_thin: drop_thin.unwrap_or_default(),
         fill_voids: fill_voids.unwrap_or_default(),
     };
-    let path = diagnostics.file(&path);
+    let name = path;
+    let path = diagnostics.file(&name);
     let path = diagnostics.note(&place, path)?;
     let imported = diagnostics.note(&place, import(diagnostics.families().sources, &path, &how))?;
+    for note in imported.notes {
+        diagnostics.remark(format!("{name}: {note}"));
+    }
     match imported.thin {
         Some(thin) if !how.drop_thin => {
             diagnostics.add(place, thin);

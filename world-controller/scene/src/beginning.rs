@@ -90,6 +90,8 @@ pub(super) struct Beginning {
     #[serde(skip)]
     pub(super) targets: Targets,
     floor: Option<Floor>,
+    /// Contacts that are drawn as lines.
+    contacts: Vec<[ModuleId; 2]>,
     /// Partitions: the modules cut off from the others, and the beginning and end.
     partitions: Vec<(Vec<u32>, u64, u64)>,
     /// The hosts; `None` if there is one only.
@@ -151,7 +153,7 @@ pub(super) fn micros(t: Time) -> u64 {
 impl Beginning {
     /// Returns the beginning of a run. `messages` is true if messages will be recorded.
     pub(super) fn of(heading: &Heading, swarm: &dyn ShownSwarm, messages: bool) -> Beginning {
-        let Stage { time_step, goals, targets, floor } = swarm.stage();
+        let Stage { time_step, goals, targets, floor, contacts } = swarm.stage();
         let bodies = swarm.start();
         let mut shapes = Vec::new();
         let start = bodies.iter().map(|(parts, whereabouts)| started(parts, whereabouts, &mut shapes));
@@ -173,6 +175,7 @@ impl Beginning {
             goals: names.zip(goals).map(|(goal, cells)| Goal::new(goal, cells)).collect(),
             targets,
             floor,
+            contacts,
             partitions: heading.partitions.iter().map(cut).collect(),
             hosts: heading.hosts.as_deref().map(|hosts| ShownHosts::of(hosts, bodies.len())),
             messages,

@@ -491,7 +491,13 @@ mod tests {
             }
         }
         fn stage(&self) -> Stage {
-            Stage { time_step: Span::secs(1), goals: Vec::new(), targets: Targets::Cells, floor: None }
+            Stage {
+                time_step: Span::secs(1),
+                goals: Vec::new(),
+                targets: Targets::Cells,
+                floor: None,
+                contacts: Vec::new(),
+            }
         }
         fn answer_within(&self) -> Option<Span> {
             None

@@ -119,6 +119,8 @@ pub struct Stage {
     pub targets: Targets,
     /// The floor; `None` if bodies stand on each other.
     pub floor: Option<Floor>,
+    /// Contacts that do not follow from the places of bodies, and so are drawn as lines.
+    pub contacts: Vec<[ModuleId; 2]>,
 }
 
 /// The goal that is built, and where.

@@ -110,6 +110,25 @@ impl AccessCheck {
         self.admit_any(headers, path)
     }
 
+    /// Like [`AccessCheck::admit`] for a page that other pages of this machine may show in a frame: of a request for the
+    /// document of a frame, it does not matter which page has the frame. What the document loads is as for any page.
+    ///
+    /// # Errors
+    /// Returns the reason if the request is refused.
+    pub fn admit_frame<'a>(
+        &self,
+        method: &Method,
+        headers: &HeaderMap,
+        path: &'a str,
+    ) -> Result<&'a str, Refusal> {
+        let states = |name: &str, value: &str| headers.get(name).is_some_and(|stated| stated == value);
+        let mut stated = headers.clone();
+        if states("sec-fetch-dest", "iframe") && states("sec-fetch-mode", "navigate") {
+            stated.remove("sec-fetch-site");
+        }
+        self.admit(method, &stated, path)
+    }
+
     /// Checks a request that changes something, and returns the rest of its path, after the token.
     ///
     /// # Errors
@@ -230,6 +249,26 @@ mod tests {
         for method in [Method::POST, Method::PUT, Method::DELETE, Method::OPTIONS, Method::PATCH] {
             assert_eq!(admit(method, &[HERE], PATH), Err(Refusal::Method));
         }
+    }
+
+    #[test]
+    fn only_the_document_of_a_frame_comes_from_another_page() {
+        let admitted = |headers: &[(&str, &str)], path: &str| {
+            let mut map = HeaderMap::new();
+            for (name, value) in headers {
+                map.append(name.parse::<HeaderName>().unwrap(), value.parse().unwrap());
+            }
+            access().admit_frame(&Method::GET, &map, path).map(str::to_owned)
+        };
+        let [site, dest, mode] =
+            [("sec-fetch-site", "cross-site"), ("sec-fetch-dest", "iframe"), ("sec-fetch-mode", "navigate")];
+        assert_eq!(admitted(&[HERE, site, dest, mode], PATH).unwrap(), "scene");
+        assert_eq!(admitted(&[HERE, site, mode], PATH), Err(Refusal::Origin));
+        assert_eq!(admitted(&[HERE, site, dest, ("sec-fetch-mode", "cors")], PATH), Err(Refusal::Origin));
+        let origin = ("origin", "http://evil.example");
+        assert_eq!(admitted(&[HERE, site, dest, mode, origin], PATH), Err(Refusal::Origin));
+        assert_eq!(admitted(&[HERE, site, dest, mode], "/scene"), Err(Refusal::Token));
+        assert_eq!(admit(Method::GET, &[HERE, site, dest, mode], PATH), Err(Refusal::Origin));
     }
 
     #[test]

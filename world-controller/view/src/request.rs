@@ -19,6 +19,7 @@ use metamorph_scene::figure::{Figure, FigureError, raster};
 use metamorph_scene::scene::Scene;
 use metamorph_text::escape::portable;
 use metamorph_text::format::{many, seconds};
+use metamorph_text::program;
 use percent_encoding::percent_decode_str;
 use std::path::Path;
 
@@ -325,7 +326,7 @@ impl<'a> Source<'a> {
         let command = match command {
             Command::Render { source, options } => {
                 let words = [vec![source.clone()], request.options(), options.clone()].concat();
-                format!("metamorph render {}", words.join(" "))
+                format!("{} render {}", quote(program::name().to_owned()), words.join(" "))
             }
             Command::Run(line) => format!("{line} --view"),
         };

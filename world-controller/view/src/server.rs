@@ -18,9 +18,22 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Number of time bins sent at once.
 const BINS_AT_ONCE: usize = 64;
-/// The page may only use resources of this server, and no other page may embed it.
-const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; \
-                      img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+/// The page may only use resources of this server. What is behind it says which pages may show it in a frame.
+macro_rules! policy {
+    ($ancestors:literal) => {
+        concat!(
+            "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; ",
+            "base-uri 'none'; form-action 'none'; frame-ancestors ",
+            $ancestors
+        )
+    };
+}
+/// No page may show it in a frame.
+const POLICY: &str = policy!("'none'");
+/// Notebooks may that are served by this machine, or are part of an editor.
+const IN_FRAMES: &str = policy!(
+    "http://localhost:* http://127.0.0.1:* http://[::1]:* https://localhost:* https://127.0.0.1:* vscode-webview:"
+);
 
 /// The files of the page: name, type and content.
 const FILES: [(&str, &str, &str); 23] = [
@@ -58,12 +71,24 @@ pub struct Server {
     controlling: Option<String>,
 }
 
+/// The use that a page admits.
+#[derive(Debug)]
+pub enum Use {
+    /// It is shown in a window of its own.
+    Shown,
+    /// It is also shown in frames of other pages of this machine.
+    InFrames,
+    /// It controls the run, if it is opened with a second secret.
+    Controlling(Operators),
+}
+
 /// The page of a run.
 #[derive(Debug)]
 pub struct RunPage {
     scene: Shared,
     subject: Subject,
     control: Option<Control>,
+    in_frames: bool,
 }
 
 /// Set when dropped: when the response is made, or when its connection is closed before.
@@ -76,8 +101,7 @@ impl Drop for Unwanted {
 }
 
 impl Server {
-    /// Starts to serve a scene and figures of it, at this port or at any free one. With `operators`, its page can control
-    /// the run.
+    /// Starts to serve a scene and figures of it, at this port or at any free one.
     ///
     /// # Errors
     /// If the port is not available, or there is no thread.
@@ -85,12 +109,16 @@ impl Server {
         scene: Shared,
         subject: Subject,
         port: Option<u16>,
-        operators: Option<Operators>,
+        admitted: Use,
     ) -> Result<Server, ServerError> {
         let secret = Token::random()?;
-        let control = operators.map(|operators| Control::new(secret.clone(), operators));
+        let in_frames = matches!(admitted, Use::InFrames);
+        let control = match admitted {
+            Use::Controlling(operators) => Some(Control::new(secret.clone(), operators)),
+            Use::Shown | Use::InFrames => None,
+        };
         let is_controlled = control.is_some();
-        let address = serve_site(RunPage { scene, subject, control }, port)?;
+        let address = serve_site(RunPage { in_frames, ..RunPage::new(scene, subject, control) }, port)?;
         let controlling = is_controlled.then(|| format!("{address}#c={}", secret.text()));
         Ok(Server { address, controlling })
     }
@@ -108,7 +136,7 @@ impl Server {
 
 impl Site for RunPage {
     fn policy(&self) -> &'static str {
-        POLICY
+        if self.in_frames { IN_FRAMES } else { POLICY }
     }
 
     async fn answer(
@@ -126,7 +154,13 @@ impl Site for RunPage {
             };
         }
         let (uri, query) = (request.uri(), request.uri().query().unwrap_or_default());
-        match access.admit(request.method(), request.headers(), uri.path()) {
+        let (method, headers, path) = (request.method(), request.headers(), uri.path());
+        let admitted = if self.in_frames {
+            access.admit_frame(method, headers, path)
+        } else {
+            access.admit(method, headers, path)
+        };
+        match admitted {
             Err(refusal) => Answer::refused(refusal),
             Ok(rest) => self.read(rest, query, is_drawing).await,
         }
@@ -136,7 +170,7 @@ impl Site for RunPage {
 impl RunPage {
     /// Creates the page of a run. With `control`, it can control the run.
     pub fn new(scene: Shared, subject: Subject, control: Option<Control>) -> RunPage {
-        RunPage { scene, subject, control }
+        RunPage { scene, subject, control, in_frames: false }
     }
 
     /// Answers an admitted request that gives commands to the run.

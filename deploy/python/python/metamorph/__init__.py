@@ -6,7 +6,7 @@
 """
 
 from ._api import Progress, Report, Scenario, Simulation, Sweep, run, scenarios, sweep
-from ._commands import Diff, Figure, diff, doctor, render
+from ._commands import Diff, Figure, Page, diff, doctor, export, render, view
 from ._determinism import check_determinism
 from ._errors import JournalError, MetamorphError, Problem, ProgramError, ProtocolError, ScenarioError, SweepError
 from ._fault import Fault
@@ -24,6 +24,7 @@ __all__ = [
     "Journal",
     "JournalError",
     "MetamorphError",
+    "Page",
     "Param",
     "Percept",
     "Problem",
@@ -43,6 +44,7 @@ __all__ = [
     "check_determinism",
     "diff",
     "doctor",
+    "export",
     "i16",
     "i32",
     "i64",
@@ -56,4 +58,5 @@ __all__ = [
     "u32",
     "u64",
     "u8",
+    "view",
 ]

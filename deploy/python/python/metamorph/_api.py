@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from . import _metamorph as _native
 from . import _plot, _program
+from ._embedded import NONE, command, name_of
 from ._errors import MetamorphError, ProgramError, ScenarioError
 from ._processes import Work, rows
 from ._protocol import Invariant, Protocol, Until, _given
@@ -269,10 +270,23 @@ def run(
     """
     chosen = _scenario(scenario, set, faults)
     given = _given(protocol, until, invariants, every)
-    if given is not None and (link != "sim" or journal is not None):
-        raise ValueError("a protocol written in Python runs on the simulated link only, without a journal")
     if link == "ipc":
-        return _run_processes(chosen, seed, journal, timeout_s)
+        if invariants:
+            raise ValueError(
+                "invariants see the objects of all modules, which are in processes of their own with link=\"ipc\"; check"
+                " them with link=\"sim\""
+            )
+        program: list[str] = [_program.find()]
+        environment: Optional[dict[str, str]] = None
+        if protocol is not None:
+            if name_of(protocol) == NONE or (until is not None and name_of(until) == NONE):
+                raise ValueError(
+                    "every process imports the class and `until`, so they must be in a file; write them at the top of a module"
+                )
+            program, environment = command(protocol, until)
+            chosen = chosen.set("swarm.family", "python")
+        chosen._plan(seed, given)  # Errors of the scenario are raised here.
+        return _run_processes(program, environment, chosen, seed, journal, timeout_s)
     if link != "sim":
         raise ValueError(f"link is {link!r}; write \"sim\" or \"ipc\"")
     text = _native.run(chosen._plan(seed, given), None if journal is None else os.fspath(journal), timeout_s)
@@ -280,22 +294,28 @@ def run(
 
 
 def _run_processes(
-    scenario: Scenario, seed: Optional[int], journal: Optional[Union[str, os.PathLike[str]]], timeout_s: Optional[float]
+    program: list[str],
+    environment: Optional[dict[str, str]],
+    scenario: Scenario,
+    seed: Optional[int],
+    journal: Optional[Union[str, os.PathLike[str]]],
+    timeout_s: Optional[float],
 ) -> Report:
-    scenario._plan(seed)  # Errors of the scenario are raised here.
     with tempfile.TemporaryDirectory() as directory:
         report, file = Path(directory) / "report.json", scenario._origin
         if not Path(file).exists() and file not in scenarios():
             file = str(Path(directory) / "scenario.toml")
             Path(file).write_text(scenario.to_toml())
-        command = [_program.find(), "run", file, "--link", "ipc", "--quiet", "--json", str(report)]
-        command += ["--seed", str(seed)] if seed is not None else []
-        command += [word for s in scenario._settings for word in ("--set", s)]
+        words = [*program, "run", file, "--link", "ipc", "--quiet", "--json", str(report)]
+        words += ["--seed", str(seed)] if seed is not None else []
+        words += [word for s in scenario._settings for word in ("--set", s)]
         for fault in scenario._faults:
             verb, _, what = fault.partition(" ")
-            command += [f"--{verb}", what]
-        command += ["--journal", os.fspath(journal)] if journal is not None else []
-        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+            words += [f"--{verb}", what]
+        words += ["--journal", os.fspath(journal)] if journal is not None else []
+        with subprocess.Popen(
+            words, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        ) as process:
             try:
                 _, said = process.communicate(timeout=timeout_s)
             except BaseException as error:

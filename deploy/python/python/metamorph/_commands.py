@@ -5,13 +5,16 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import tempfile
 from pathlib import Path
 from typing import Any, NamedTuple, Optional, Sequence, Union
+from urllib.parse import quote
 
 from . import _program
 from ._api import Report, Scenario, ScenarioLike, Simulation, Sweep, _scenario
+from ._embedded import command as embedded
 from ._errors import ProgramError
 from ._journal import Journal
 from ._table import Table
@@ -19,12 +22,27 @@ from ._table import Table
 PathLike = Union[str, "os.PathLike[str]"]
 
 
-def _call(*words: str) -> bytes:
-    done = subprocess.run([_program.find(), *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+def _call(*words: str, program: Optional[Program] = None) -> bytes:
+    command, environment = program or Program([_program.find()], None)
+    done = subprocess.run([*command, *words], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     if done.returncode != 0:
         text = done.stderr.decode(errors="replace").strip()
         raise ProgramError(text or f"the program ended with exit code {done.returncode}")
     return done.stdout
+
+
+class Program(NamedTuple):
+    """What carries out a command line."""
+
+    command: list[str]
+    environment: Optional[dict[str, str]]
+
+
+def _that_shows(journal: Journal) -> Program:
+    """What shows a journal: the program, or this package if the protocol of the run is written in Python."""
+    if journal.family != "python":
+        return Program([_program.find()], None)
+    return Program(*embedded(journal._protocol, None))
 
 
 class Figure:
@@ -84,13 +102,21 @@ def render(
     :param options: those of the command, such as `at="50%"`, `camera="top"`, `section=["x<11"]`, `legend=False`.
     """
     words = _options(options)
+    program = None
     with tempfile.TemporaryDirectory() as directory:
         if isinstance(source, Simulation):
             if "at" not in options:
                 words.append(f"--at={source.now_ns}ns")
+            suffix = format if out is None else Path(out).suffix[1:]
+            drawn = source._run.render(suffix, "&".join(quote(word[2:], safe="=") for word in words))
+            if drawn is not None:
+                if out is not None:
+                    Path(out).write_bytes(drawn)
+                return Figure(drawn, suffix)
             seed = source.seed if seed is None else seed
             source = source.scenario()
         if isinstance(source, Journal):
+            program = _that_shows(source)
             source = source.path
         if isinstance(source, (str, os.PathLike)):
             file = os.fspath(source)
@@ -99,8 +125,106 @@ def render(
             words += extra
         words += [] if seed is None else [f"--seed={seed}"]
         target = Path(directory) / f"figure.{format}" if out is None else Path(out)
-        _call("render", file, "--quiet", f"--out={target}", *words)
+        _call("render", file, "--quiet", f"--out={target}", *words, program=program)
         return Figure(target.read_bytes(), target.suffix[1:])
+
+
+class Page:
+    """Runs in the browser, as `metamorph view` shows them; a notebook on this machine shows them side by side.
+
+    The pages are served until :meth:`close` is called or the object is gone.
+    """
+
+    def __init__(self, sources: Sequence[Union[ScenarioLike, Journal]], seed: Optional[int], height: int) -> None:
+        self._directory = tempfile.TemporaryDirectory()
+        self._height = height
+        self._served: list[subprocess.Popen[str]] = []
+        #: The addresses of the pages, for a browser of this machine.
+        self.urls: list[str] = []
+        try:
+            for number, source in enumerate(sources):
+                self.urls.append(self._serve(source, seed, Path(self._directory.name) / str(number)))
+        except BaseException:
+            self.close()
+            raise
+
+    def _serve(self, source: Union[ScenarioLike, Journal], seed: Optional[int], directory: Path) -> str:
+        words: list[str] = []
+        program = Program([_program.find()], None)
+        if isinstance(source, Journal):
+            file, program = source.path, _that_shows(source)
+        elif isinstance(source, (str, os.PathLike)):
+            file = os.fspath(source)
+        else:
+            directory.mkdir()
+            file, words = _written(_scenario(source), directory)
+        words += [] if seed is None or isinstance(source, Journal) else [f"--seed={seed}"]
+        server = subprocess.Popen(
+            [*program.command, "view", file, "--embed", *words],
+            env=program.environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self._served.append(server)
+        assert server.stdout is not None and server.stderr is not None
+        found = re.search(r"http://\S+", server.stdout.readline())
+        if found is None:
+            raise ProgramError(server.stderr.read().strip() or "the program ended without a page")
+        return found[0]
+
+    def close(self) -> None:
+        """Ends serving the pages."""
+        for server in self._served:
+            if server.poll() is None:
+                server.terminate()
+            server.wait()
+            for stream in (server.stdout, server.stderr):
+                if stream is not None:
+                    stream.close()
+        self._served = []
+        self._directory.cleanup()
+
+    def __enter__(self) -> Page:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __del__(self) -> None:
+        if hasattr(self, "_served"):
+            self.close()
+
+    def _repr_html_(self) -> str:
+        frame = f'style="flex:1 1 24em;height:{self._height}px;border:0" title="a run"'
+        frames = "".join(f'<iframe src="{url}" {frame}></iframe>' for url in self.urls)
+        return f'<div style="display:flex;flex-wrap:wrap;gap:8px">{frames}</div>'
+
+    def __repr__(self) -> str:
+        return f"<Page, open {' and '.join(self.urls)} in a browser>"
+
+
+def view(*sources: Union[ScenarioLike, Journal], seed: Optional[int] = None, height: int = 480) -> Page:
+    """Shows runs in the browser; a notebook shows the pages side by side.
+
+    :param sources: journals or their files, or scenarios, which are simulated.
+    :param seed: the seed of scenarios.
+    :param height: the height of each page in a notebook, in pixels.
+    """
+    if not sources:
+        raise ValueError("view needs at least one run: a journal or a scenario")
+    return Page(sources, seed, height)
+
+
+def export(journal: Journal, out: PathLike, *, schema: str = "foxglove") -> None:
+    """Writes a journal as a recording (MCAP) for other viewers, as `metamorph export --mcap` does.
+
+    :param out: the file.
+    :param schema: `"foxglove"` or `"ros2"`.
+    """
+    words = ("export", journal.path, f"--mcap={os.fspath(out)}", f"--schema={schema}")
+    _call(*words, program=_that_shows(journal))
 
 
 def _written(scenario: Scenario, directory: Path) -> tuple[str, list[str]]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _metamorph as _native
+from ._protocol import Protocol, Until, _given
 from ._table import Table
 from ._time import Duration, nanoseconds
 
@@ -19,10 +20,29 @@ CLASSES = ("gradient", "seed", "connectivity", "negotiation", "world", "liveness
 class Journal:
     """A run that was recorded with `journal=` or `--journal`. Raises :class:`JournalError` if the file is damaged."""
 
-    def __init__(self, path: Union[str, os.PathLike[str]]) -> None:
+    def __init__(
+        self,
+        path: Union[str, os.PathLike[str]],
+        *,
+        protocol: Optional[type[Protocol]] = None,
+        until: Optional[Until] = None,
+    ) -> None:
+        """Reads a journal.
+
+        :param path: the file.
+        :param protocol: the class of a run with a protocol written in Python. What happened can be read without it; it names the
+            messages on the page, and :meth:`verify` needs it.
+        :param until: what ended such a run, for :meth:`verify`.
+        """
         #: The file.
         self.path = os.fspath(path)
-        self._journal = _native.Journal(self.path)
+        self._protocol = protocol
+        self._journal = _native.Journal(self.path, _given(protocol, until, (), None))
+
+    @property
+    def family(self) -> str:
+        """The family of the modules; `"python"` if their protocol is written in Python."""
+        return self._journal.family
 
     @property
     def modules(self) -> int:

@@ -7,12 +7,16 @@ from typing import Any, Optional
 from ._table import Table
 
 
+#: Characters of labels that fit side by side below axes of the usual width.
+_ACROSS = 60
+
+
 def _axes(ax: Optional[Any]) -> Any:
     if ax is not None:
         return ax
     import matplotlib.pyplot as plt
 
-    return plt.subplots()[1]
+    return plt.subplots(layout="constrained")[1]
 
 
 def boxes(runs: Table, column: str, by: Optional[str], ax: Optional[Any]) -> Any:
@@ -30,7 +34,11 @@ def boxes(runs: Table, column: str, by: Optional[str], ax: Optional[Any]) -> Any
         raise ValueError(f"no run has a value in `{column}`")
     ax = _axes(ax)
     ax.boxplot(list(groups.values()))
-    ax.set_xticks(range(1, len(groups) + 1), [f"{name}\nn = {len(values)}" for name, values in groups.items()])
+    labels = [f"{name}\nn = {len(values)}" for name, values in groups.items()]
+    # Side by side they would overlap.
+    is_wide = sum(len(name) + 2 for name in groups) > _ACROSS
+    turned = {"rotation": 45, "ha": "right", "rotation_mode": "anchor"} if is_wide else {}
+    ax.set_xticks(range(1, len(groups) + 1), labels, **turned)
     ax.set_xlabel(by or "")
     ax.set_ylabel(column)
     return ax

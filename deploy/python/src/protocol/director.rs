@@ -1,14 +1,13 @@
 //! The director of a protocol in Python: injects the faults, and ends the run when `until` says so, when no module has
 //! reported anything for the bound of a standstill, or when the time is up.
 
-use super::agent::PyAgent;
+use super::bodies::PyBodies;
 use super::message::Payload;
 use super::setup::Setup;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::Never;
-use metamorph_sim_bridge::cube::bodies::CubeBodies;
 use metamorph_sim_bridge::director::fault_injector::FaultInjector;
 use metamorph_sim_bridge::director::faults::{Fault, FaultRecord, Schedule};
 use metamorph_sim_bridge::director::outcome::{Objective, Outcome, Stall};
@@ -141,7 +140,7 @@ impl PyDirector {
     }
 }
 
-impl DirectorPort<CubeBodies<PyAgent>> for PyDirector {
+impl DirectorPort<PyBodies> for PyDirector {
     fn report(&mut self, now: Time, id: ModuleId, report: Payload) {
         self.note(now, |py, setup| {
             let message = setup.message(py, &report)?;
@@ -167,7 +166,7 @@ impl DirectorPort<CubeBodies<PyAgent>> for PyDirector {
         self.alive[id.index()] = true;
         self.last_change = now;
     }
-    fn wake(&mut self, now: Time, world: &mut CubeBodies<PyAgent>) {
+    fn wake(&mut self, now: Time, world: &mut PyBodies) {
         if self.setup.spec.has_failed() && !self.is_over {
             return self.close();
         }
@@ -176,7 +175,9 @@ impl DirectorPort<CubeBodies<PyAgent>> for PyDirector {
             match fault {
                 Fault::Kill(_) => self.dying += usize::from(alive),
                 Fault::Stick(id) | Fault::Unstick(id) => {
-                    world.cubes.set_stuck(id, matches!(fault, Fault::Stick(_)));
+                    if let Some(cubes) = world.cubes_mut() {
+                        cubes.set_stuck(id, matches!(fault, Fault::Stick(_)));
+                    }
                 }
                 _ => {}
             }

@@ -1,21 +1,25 @@
 //! The family of protocols in Python: its part of scenarios, and its runs.
 
 use super::agent::PyAgent;
+use super::bodies::{Check, PyBodies};
 use super::director::PyDirector;
-use super::setup::Setup;
+use super::setup::{Setup, Value, wrong};
 use super::spec::Spec;
+use metamorph_protocol::agent::Agent as _;
 use metamorph_protocol::defects::Defect;
+use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::shape::Shape;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::cube::audit::audit_every;
-use metamorph_sim_bridge::cube::bodies::{Check, CubeBodies};
 use metamorph_sim_bridge::cube::world::CubeWorld;
 use metamorph_sim_bridge::director::port::DirectorPort as _;
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::director::standstills::Standstills;
+use metamorph_sim_bridge::world::contact_graph::ContactGraph;
 use metamorph_sim_bridge::world::invariants::{Invariant, Violation};
 use metamorph_world_controller::family::generated::{Dice, GeneratedSwarm};
+use metamorph_world_controller::family::graphs::contacts::{self, Contacts};
 use metamorph_world_controller::family::{ExploredFamily, FamilyParts, cube};
 use metamorph_world_controller::report::family_part::{FamilyPart, FamilyText};
 use metamorph_world_controller::report::run_result::RunResult;
@@ -34,7 +38,6 @@ use metamorph_world_controller::scenario::raw::protocol_section;
 use metamorph_world_controller::scenario::shapes::{KINDS, Layout, check_box};
 use metamorph_world_controller::scenario::table::Section;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyType};
 use serde_json::json;
 use std::fmt::{self, Write};
 use std::sync::Arc;
@@ -53,27 +56,30 @@ const PARAMETER: &str = "repeat = \"500ms\"";
 /// The family.
 pub struct PythonFamily;
 
-/// A value of `[protocol]`.
-#[derive(Debug)]
-enum Value {
-    Text(String),
-    Number(i64),
-    Flag(bool),
-}
-
 /// The parts as written.
 #[derive(Debug)]
 struct RawPython {
     start: Option<At<Shape>>,
+    /// The graph of contacts, of modules that do not move.
+    contacts: Option<At<Contacts>>,
     move_time: Option<At<Span>>,
     parameters: Vec<(String, At<Value>)>,
     spec: Option<Arc<Spec>>,
 }
 
+/// Which bodies modules have.
+#[derive(Clone, Debug)]
+enum Placed {
+    /// Cubes in these cells.
+    Cubes(Arc<[Cell]>),
+    /// Bodies that do not move, with a graph of contacts.
+    Graph(Contacts, Arc<ContactGraph>),
+}
+
 /// Modules with a protocol in Python.
 #[derive(Debug)]
 pub struct PySwarm {
-    cells: Arc<[Cell]>,
+    placed: Placed,
     pub setup: Arc<Setup>,
 }
 
@@ -123,8 +129,16 @@ impl ScenarioFamily for PythonFamily {
         others: &Sections<'_, '_>,
         diagnostics: &mut Diagnostics,
     ) -> Box<dyn RawSwarm> {
-        let (start, move_time) =
-            (swarm.need("start", START, diagnostics), swarm.get("move_time", diagnostics));
+        let has_graph = !swarm.present(&["graph"]).is_empty();
+        if has_graph && !swarm.present(&["start"]).is_empty() {
+            let reason = "[swarm] has both `start` and `graph`";
+            diagnostics
+                .add(swarm.place().clone(), problem(reason, "keep one: cubes, or a graph of contacts"));
+        }
+        let contacts = has_graph.then(|| contacts::read(&mut swarm, diagnostics)).flatten();
+        let start =
+            if has_graph { swarm.get("start", diagnostics) } else { swarm.need("start", START, diagnostics) };
+        let move_time = swarm.get("move_time", diagnostics);
         swarm.finish(diagnostics);
         if let Some(goals) = others.goals {
             let (reason, fix) = (
@@ -134,16 +148,17 @@ impl ScenarioFamily for PythonFamily {
             diagnostics.add(goals.span(), problem(reason, fix));
         }
         let parameters = parameters(others, diagnostics);
-        Box::new(RawPython { start, move_time, parameters, spec: Spec::read() })
+        Box::new(RawPython { start, contacts, move_time, parameters, spec: Spec::read() })
     }
     fn schema(&self) -> FamilySchema {
         FamilySchema {
             swarm: table(
-                "Cubes with a protocol written in Python.",
-                &["start"],
+                "Cubes, or modules that do not move, with a protocol written in Python.",
+                &[],
                 json!({
                     "family": { "const": NAME },
-                    "start": said("The cells of the modules at the start.", of("shape")),
+                    "start": said("The cells of the cubes at the start; or `graph`.", of("shape")),
+                    "graph": Contacts::schema(),
                     "move_time": said("How long a move takes.", or(BEAT.to_string(), of("time"))),
                     "failed_connections": seldom("How often a move fails."),
                 }),
@@ -156,34 +171,6 @@ impl ScenarioFamily for PythonFamily {
     }
 }
 
-/// Sets the parameters of a class: returns a class of this run.
-fn bind<'py>(
-    py: Python<'py>,
-    raw: &RawPython,
-    spec: &Spec,
-    diagnostics: &mut Diagnostics,
-) -> PyResult<Option<Bound<'py, PyType>>> {
-    let module = py.import("metamorph._protocol")?;
-    let (values, mut is_right) = (PyDict::new(py), true);
-    for (name, At { value, place }) in &raw.parameters {
-        let value = match value {
-            Value::Text(text) => text.into_pyobject(py)?.into_any(),
-            Value::Number(number) => number.into_pyobject(py)?.into_any(),
-            Value::Flag(flag) => flag.into_pyobject(py)?.to_owned().into_any(),
-        };
-        let wrong = module.getattr("_wrong")?.call1((&spec.class, name, &value))?;
-        match wrong.extract::<Option<(String, String)>>()? {
-            None => values.set_item(name, value)?,
-            Some((reason, fix)) => {
-                diagnostics.add(place.clone(), problem(reason, fix));
-                is_right = false;
-            }
-        }
-    }
-    let class = module.getattr("_bind")?.call1((&spec.class, values))?;
-    Ok(Some(class.cast_into::<PyType>()?).filter(|_| is_right))
-}
-
 impl RawPython {
     fn setup(&self, move_time: Span, diagnostics: &mut Diagnostics) -> Option<Setup> {
         let Some(spec) = &self.spec else {
@@ -193,8 +180,18 @@ impl RawPython {
             return None;
         };
         let setup = Python::attach(|py| {
-            let class = bind(py, self, spec, diagnostics)?;
-            class.map(|class| Setup::new(spec, &class, move_time)).transpose()
+            let (mut values, mut is_right) = (Vec::new(), true);
+            for (name, At { value, place }) in &self.parameters {
+                let found = if spec.is_stand_in { None } else { wrong(py, spec, name, value)? };
+                match found {
+                    None => values.push((name.clone(), value.clone())),
+                    Some((reason, fix)) => {
+                        diagnostics.add(place.clone(), problem(reason, fix));
+                        is_right = false;
+                    }
+                }
+            }
+            is_right.then(|| Setup::new(py, spec, values, move_time)).transpose()
         });
         setup.unwrap_or_else(|error| {
             spec.fail(error, None, Time::ZERO, "the class");
@@ -208,13 +205,21 @@ impl RawSwarm for RawPython {
         (&self.move_time, "move_time")
     }
     fn draft(&self, context: &DraftContext, diagnostics: &mut Diagnostics) -> Option<FamilySpec> {
-        let mut layout = Layout::default();
-        let cells = self.start.as_ref().and_then(|start| layout.start(start, diagnostics));
-        check_box(cells.iter().flatten(), diagnostics)?;
+        let placed = match &self.contacts {
+            Some(At { value, place }) => {
+                let graph = diagnostics.note(place, value.graph(PyAgent::PORTS, context.seed));
+                graph.map(|graph| Placed::Graph(value.clone(), Arc::new(graph)))
+            }
+            None => {
+                let mut layout = Layout::default();
+                let cells = self.start.as_ref().and_then(|start| layout.start(start, diagnostics));
+                check_box(cells.iter().flatten(), diagnostics)?;
+                cells.map(|cells| Placed::Cubes(cells.into()))
+            }
+        };
         let setup = self.setup(context.time_step, diagnostics);
-        let modules = cells.as_ref().map_or(0, Vec::len);
-        let swarm =
-            cells.zip(setup).map(|(cells, setup)| PySwarm { cells: cells.into(), setup: Arc::new(setup) });
+        let modules = placed.as_ref().map_or(0, |placed| placed.cells().len());
+        let swarm = placed.zip(setup).map(|(placed, setup)| PySwarm { placed, setup: Arc::new(setup) });
         Some(FamilySpec {
             swarm: swarm.map(Swarm::new),
             modules,
@@ -225,12 +230,30 @@ impl RawSwarm for RawPython {
     }
 }
 
+impl Placed {
+    fn cells(&self) -> &[Cell] {
+        match self {
+            Placed::Cubes(cells) => cells,
+            Placed::Graph(_, graph) => graph.cells(),
+        }
+    }
+    /// Returns the same for another seed.
+    fn with_seed(&self, seed: u64) -> Result<Placed, ScenarioError> {
+        Ok(match self {
+            Placed::Graph(contacts, _) if contacts.is_drawn() => {
+                Placed::Graph(contacts.clone(), Arc::new(contacts.graph(PyAgent::PORTS, seed)?))
+            }
+            same => same.clone(),
+        })
+    }
+}
+
 impl SwarmPlan for PySwarm {
     fn family(&self) -> &'static str {
         NAME
     }
     fn modules(&self) -> usize {
-        self.cells.len()
+        self.placed.cells().len()
     }
     fn protocol(&self) -> String {
         Python::attach(|py| {
@@ -239,21 +262,25 @@ impl SwarmPlan for PySwarm {
         })
     }
     /// Returns modules without a past: what they share belongs to one run.
-    fn with_seed(&self, _: u64) -> Result<Option<Swarm>, ScenarioError> {
-        let setup = Python::attach(|py| {
-            Setup::new(&self.setup.spec, self.setup.class.bind(py), self.setup.move_time)
-        });
+    fn with_seed(&self, seed: u64) -> Result<Option<Swarm>, ScenarioError> {
+        let setup = self.setup.again();
         let setup = setup.map_err(|e| problem(e.to_string(), "correct the class"))?;
-        Ok(Some(Swarm::new(PySwarm { cells: Arc::clone(&self.cells), setup: Arc::new(setup) })))
+        let placed = self.placed.with_seed(seed)?;
+        Ok(Some(Swarm::new(PySwarm { placed, setup: Arc::new(setup) })))
     }
     fn defect(&self) -> Option<Defect> {
         None
     }
     fn with_defect(&self, _: Option<Defect>) -> Swarm {
-        Swarm::new(PySwarm { cells: Arc::clone(&self.cells), setup: Arc::clone(&self.setup) })
+        Swarm::new(PySwarm { placed: self.placed.clone(), setup: Arc::clone(&self.setup) })
     }
     fn describe(&self, _: &Plan, out: &mut String) -> fmt::Result {
-        writeln!(out, "  swarm     {} modules with the protocol {}", self.cells.len(), self.protocol())
+        writeln!(
+            out,
+            "  swarm     {} modules with the protocol {}",
+            self.placed.cells().len(),
+            self.protocol()
+        )
     }
     fn words(&self) -> &'static Words {
         &Words {
@@ -262,8 +289,8 @@ impl SwarmPlan for PySwarm {
             cell: "goal",
             part: "goal",
             cells: "goals",
-            negotiation: "nothing",
-            body: "the body",
+            filled: "reached",
+            collisions: Some(["nothing", "the body"]),
             idle: "is alive",
             time_step: "move time",
             action: "move",
@@ -319,20 +346,25 @@ impl PySwarm {
 }
 
 impl Runnable for PySwarm {
-    type World = CubeBodies<PyAgent>;
+    type World = PyBodies;
     type Director = PyDirector;
 
     fn setup(&self) -> &Arc<Setup> {
         &self.setup
     }
-    fn world(&self, plan: &Plan) -> CubeBodies<PyAgent> {
-        let mut cubes = CubeWorld::new(&self.cells, self.time_step(), plan.seed);
-        cubes.set_failure(plan.failure);
-        let bodies = CubeBodies::new(cubes, self.checks());
-        if self.setup.spec.every.is_some() { bodies.checked_at_audits() } else { bodies }
+    fn world(&self, plan: &Plan) -> PyBodies {
+        let only_at_audits = self.setup.spec.every.is_some();
+        match &self.placed {
+            Placed::Cubes(cells) => {
+                let mut cubes = CubeWorld::new(cells, self.time_step(), plan.seed);
+                cubes.set_failure(plan.failure);
+                PyBodies::of_cubes(cubes, self.checks(), only_at_audits)
+            }
+            Placed::Graph(_, graph) => PyBodies::of_graph(graph, self.checks(), only_at_audits),
+        }
     }
     fn director(&self, plan: &Plan) -> PyDirector {
-        PyDirector::new(&self.setup, self.cells.len(), plan.schedule.clone(), plan.stop)
+        PyDirector::new(&self.setup, self.placed.cells().len(), plan.schedule.clone(), plan.stop)
     }
     fn time_step(&self) -> Span {
         self.setup.move_time
@@ -343,9 +375,9 @@ impl Runnable for PySwarm {
     fn progress(director: &PyDirector) -> Progress {
         director.progress()
     }
-    fn account(&self, plan: &Plan, director: &PyDirector, world: &CubeBodies<PyAgent>) -> RunResult {
+    fn account(&self, plan: &Plan, director: &PyDirector, world: &PyBodies) -> RunResult {
         let (crashed, restarted) = director.crashed_and_restarted();
-        let motions = world.cubes.motions();
+        let motions = world.cubes().map(CubeWorld::motions).unwrap_or_default();
         RunResult {
             ended: director.ended(),
             progress: Progress { moves: motions.completed, ..director.progress() },
@@ -363,9 +395,12 @@ impl Runnable for PySwarm {
             family_part: self.invariant_calls(),
         }
     }
-    fn last_check(world: &mut CubeBodies<PyAgent>, now: Time) -> (Vec<Violation>, u64) {
-        world.cubes.check_connected(now);
-        (world.cubes.take_violations(), 1)
+    fn last_check(world: &mut PyBodies, now: Time) -> (Vec<Violation>, u64) {
+        let checked = world.cubes_mut().map(|cubes| {
+            cubes.check_connected(now);
+            (cubes.take_violations(), 1)
+        });
+        checked.unwrap_or_default()
     }
 }
 
@@ -389,6 +424,12 @@ impl FamilyParts for PythonFamily {
     type Swarm = PySwarm;
 
     fn places(&self, swarm: &PySwarm) -> Vec<Cell> {
-        swarm.cells.to_vec()
+        swarm.placed.cells().to_vec()
+    }
+    fn drawn_contacts(&self, swarm: &PySwarm) -> Vec<[ModuleId; 2]> {
+        match &swarm.placed {
+            Placed::Cubes(_) => Vec::new(),
+            Placed::Graph(_, graph) => graph.contacts().iter().map(|ends| ends.map(|(id, _)| id)).collect(),
+        }
     }
 }

@@ -1,5 +1,5 @@
-//! The look of modules of a protocol in Python: they are drawn as cubes. Their runs are not recorded, so that no page
-//! shows them; the words are for the traits that every family has.
+//! The look of modules of a protocol in Python: they are drawn as cubes. A message is named by its class and its first whole
+//! number.
 
 use super::agent::PyAgent;
 use super::message::Payload;
@@ -7,6 +7,7 @@ use super::setup::Setup;
 use metamorph_protocol::cube::body::{Move, Percept};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::wire::Never;
+use metamorph_world_controller::family::cube;
 use metamorph_world_controller::report::message_timeline::{FAR, MessageLabel};
 use metamorph_world_controller::run::replay::Worded;
 use metamorph_world_controller::view::parts::{Motion, Part, Shape, Tone};
@@ -33,13 +34,19 @@ impl Visible for PyAgent {
 
     fn stage(setup: &Setup) -> Stage {
         let goals = vec![Vec::new()];
-        Stage { time_step: setup.move_time, goals, targets: Targets::Cells, floor: None }
+        Stage {
+            time_step: setup.move_time,
+            goals,
+            targets: Targets::Cells,
+            floor: None,
+            contacts: Vec::new(),
+        }
     }
     fn at_rest(_: &Setup, cell: &Cell) -> Vec<Part> {
         vec![Part::in_cell(Shape::Box { size: [1.0; 3] }, *cell, Default::default(), Tone::Plain)]
     }
-    fn motion(_: &Setup, _: &Cell, _: &Move) -> Option<(Motion, Cell)> {
-        None
+    fn motion(setup: &Setup, cell: &Cell, action: &Move) -> Option<(Motion, Cell)> {
+        Some(cube::motion(setup.move_time, cell, action))
     }
     fn cell(cell: &Cell) -> Cell {
         *cell
@@ -57,8 +64,8 @@ impl Visible for PyAgent {
     fn standing(_: &Payload) -> ModuleView {
         ModuleView { role: 0, flags: 0, place: 0, waits_for: None }
     }
-    fn said(_: &Payload) -> MessageLabel {
-        MessageLabel::of("message")
+    fn said(setup: &Setup, message: &Payload) -> MessageLabel {
+        setup.label(message)
     }
     fn moves(_: Option<u32>) -> u16 {
         FAR

@@ -3,10 +3,13 @@
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::wire::{Decoder, Encoder, HEADER, PAYLOAD, Wire, WireError};
+use metamorph_world_controller::report::message_timeline::MessageLabel;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyBytes, PyTuple, PyType};
+use std::collections::BTreeSet;
 use std::fmt;
+use std::sync::{Mutex, PoisonError};
 
 /// The bytes of a message.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -46,6 +49,18 @@ impl Wire for Payload {
     fn wire_len(&self) -> usize {
         HEADER + usize::from(self.length)
     }
+}
+
+/// Returns up to eight bytes, with others behind them.
+fn wide(from: &[u8], fill: u8) -> [u8; 8] {
+    let mut bytes = [fill; 8];
+    bytes[..from.len()].copy_from_slice(from);
+    bytes
+}
+
+fn signed(from: &[u8]) -> i64 {
+    let fill = if from.last().is_some_and(|b| b & 0x80 != 0) { 0xFF } else { 0 };
+    i64::from_le_bytes(wide(from, fill))
 }
 
 /// The type of a field.
@@ -113,18 +128,18 @@ impl Field {
         }
         Some(())
     }
+    /// Returns a whole number that fits 64 bits with a sign.
+    fn number(self, from: &[u8]) -> Option<i64> {
+        match self {
+            Field::Unsigned(_) => i64::try_from(u64::from_le_bytes(wide(from, 0))).ok(),
+            Field::Signed(_) => Some(signed(from)),
+            Field::Bool | Field::Cell | Field::Bytes(_) => None,
+        }
+    }
     fn read<'py>(self, py: Python<'py>, from: &[u8]) -> PyResult<Bound<'py, PyAny>> {
-        let wide = |fill: u8| {
-            let mut bytes = [fill; 8];
-            bytes[..from.len()].copy_from_slice(from);
-            bytes
-        };
         Ok(match self {
-            Field::Unsigned(_) => u64::from_le_bytes(wide(0)).into_pyobject(py)?.into_any(),
-            Field::Signed(_) => {
-                let fill = if from.last().is_some_and(|b| b & 0x80 != 0) { 0xFF } else { 0 };
-                i64::from_le_bytes(wide(fill)).into_pyobject(py)?.into_any()
-            }
+            Field::Unsigned(_) => u64::from_le_bytes(wide(from, 0)).into_pyobject(py)?.into_any(),
+            Field::Signed(_) => signed(from).into_pyobject(py)?.into_any(),
             Field::Bool => PyBool::new(py, from[0] != 0).to_owned().into_any(),
             Field::Cell => {
                 let [x, y, z] = [0, 2, 4].map(|i| i16::from_le_bytes([from[i], from[i + 1]]));
@@ -135,9 +150,23 @@ impl Field {
     }
 }
 
+/// The names of all classes of messages that there were. Labels of messages last as long as the program.
+static NAMES: Mutex<BTreeSet<&'static str>> = Mutex::new(BTreeSet::new());
+
+/// Returns the same name for as long as the program lasts.
+fn lasting(name: &str) -> &'static str {
+    let mut names = NAMES.lock().unwrap_or_else(PoisonError::into_inner);
+    names.get(name).copied().unwrap_or_else(|| {
+        let name: &'static str = Box::leak(name.to_owned().into_boxed_str());
+        names.insert(name);
+        name
+    })
+}
+
 /// A class of messages.
 pub struct MessageType {
     class: Py<PyType>,
+    name: &'static str,
     kind: u8,
     counted_as: Class,
     fields: Vec<(String, String, Field)>,
@@ -170,7 +199,8 @@ impl MessageType {
             return Err(PyTypeError::new_err(text));
         }
         let counted_as = counter_class(&counted_as)?;
-        Ok(MessageType { class: class.clone().unbind(), kind, counted_as, fields, length })
+        let name = lasting(&class.name()?.to_string());
+        Ok(MessageType { class: class.clone().unbind(), name, kind, counted_as, fields, length })
     }
     /// Returns the number of this kind of message.
     pub fn kind(&self) -> u8 {
@@ -183,6 +213,16 @@ impl MessageType {
     /// Returns the class that messages are counted in, unless a call names another.
     pub fn counted_as(&self) -> Class {
         self.counted_as
+    }
+    /// Returns the label of a message of this class: its name and its first whole number.
+    pub fn label(&self, payload: &Payload) -> MessageLabel {
+        let mut at = 0;
+        let number = self.fields.iter().find_map(|(_, _, field)| {
+            let bytes = payload.bytes().get(at..at + field.len());
+            at += field.len();
+            field.number(bytes?)
+        });
+        MessageLabel { number, ..MessageLabel::of(self.name) }
     }
     /// Returns the bytes of a message of this class.
     pub fn encode(&self, message: &Bound<'_, PyAny>) -> PyResult<Payload> {

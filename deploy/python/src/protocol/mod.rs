@@ -4,6 +4,7 @@
 //! every family. The class comes with the call, not with the scenario: see [`spec::Spec::reading`].
 
 mod agent;
+mod bodies;
 mod context;
 mod director;
 pub mod family;

@@ -3,16 +3,42 @@
 use super::message::{MessageType, Payload};
 use super::spec::Spec;
 use metamorph_protocol::time::Span;
+use metamorph_world_controller::report::message_timeline::MessageLabel;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple, PyType};
 use serde::de::Error as _;
-use serde::ser::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 
-const ONLY_SIMULATED: &str = "a protocol written in Python runs on the simulated link only";
+/// A value of a parameter.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub enum Value {
+    /// A text, such as a time.
+    Text(String),
+    /// A whole number.
+    Number(i64),
+    /// A flag.
+    Flag(bool),
+}
+
+impl Value {
+    fn to_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        Ok(match self {
+            Value::Text(text) => text.into_pyobject(py)?.into_any(),
+            Value::Number(number) => number.into_pyobject(py)?.into_any(),
+            Value::Flag(flag) => flag.into_pyobject(py)?.to_owned().into_any(),
+        })
+    }
+}
+
+/// The part of a setup that agents in processes of their own are told; they have the class from their command line.
+#[derive(Serialize, Deserialize)]
+struct Told {
+    parameters: Vec<(String, Value)>,
+    move_time: Span,
+}
 
 /// The methods that a class overrides.
 #[derive(Clone, Copy)]
@@ -27,6 +53,8 @@ pub struct Overridden {
 /// State shared by all agents of one run.
 pub struct Setup {
     pub spec: Arc<Spec>,
+    /// The parameters that the scenario sets.
+    parameters: Vec<(String, Value)>,
     /// The class with the parameters of this run.
     pub class: Py<PyType>,
     pub overridden: Overridden,
@@ -50,9 +78,15 @@ impl std::fmt::Debug for Setup {
 }
 
 impl Setup {
-    /// Prepares a run of a class whose parameters are set.
-    pub fn new(spec: &Arc<Spec>, class: &Bound<'_, PyType>, move_time: Span) -> PyResult<Setup> {
-        let py = class.py();
+    /// Prepares a run of a class with these parameters.
+    pub fn new(
+        py: Python<'_>,
+        spec: &Arc<Spec>,
+        parameters: Vec<(String, Value)>,
+        move_time: Span,
+    ) -> PyResult<Setup> {
+        let class = bind(py, spec, &parameters)?;
+        let class = &class;
         let base = py.import("metamorph._protocol")?.getattr("Protocol")?;
         let overrides = |name: &str| Ok::<_, PyErr>(!class.getattr(name)?.is(&base.getattr(name)?));
         let mut messages: Vec<MessageType> = Vec::new();
@@ -67,6 +101,7 @@ impl Setup {
         Ok(Setup {
             calls: spec.invariants.iter().map(|_| AtomicU64::new(0)).collect(),
             spec: Arc::clone(spec),
+            parameters,
             class: class.clone().unbind(),
             overridden: Overridden {
                 contact: overrides("contact")?,
@@ -81,6 +116,17 @@ impl Setup {
             messages,
             make: py.get_type::<PyTuple>().getattr("__new__")?.unbind(),
         })
+    }
+    /// Prepares another run of the same class.
+    pub fn again(&self) -> PyResult<Setup> {
+        Python::attach(|py| Setup::new(py, &self.spec, self.parameters.clone(), self.move_time))
+    }
+    /// Returns the label of a message.
+    pub fn label(&self, payload: &Payload) -> MessageLabel {
+        use metamorph_protocol::wire::Wire;
+        let found = self.messages.iter().find(|message| message.kind() == payload.kind());
+        let unknown = || MessageLabel::with("message of kind", payload.kind().into());
+        found.map_or_else(unknown, |of| of.label(payload))
     }
     /// Returns the class of a message.
     pub fn type_of(&self, message: &Bound<'_, PyAny>) -> PyResult<&MessageType> {
@@ -105,14 +151,35 @@ fn word(class: &Bound<'_, PyAny>) -> String {
     class.getattr("__name__").map_or_else(|_| "it".to_owned(), |name| name.to_string())
 }
 
+/// Sets the parameters of a class: returns a class of this run. A stand-in has none.
+fn bind<'py>(py: Python<'py>, spec: &Spec, parameters: &[(String, Value)]) -> PyResult<Bound<'py, PyType>> {
+    if spec.is_stand_in {
+        return Ok(spec.class.bind(py).clone());
+    }
+    let values = PyDict::new(py);
+    for (name, value) in parameters {
+        values.set_item(name, value.to_python(py)?)?;
+    }
+    let class = py.import("metamorph._protocol")?.getattr("_bind")?.call1((&spec.class, values))?;
+    Ok(class.cast_into::<PyType>()?)
+}
+
+/// Returns the error of a value of a parameter: what is wrong, and what to do.
+pub fn wrong(py: Python<'_>, spec: &Spec, name: &str, value: &Value) -> PyResult<Option<(String, String)>> {
+    let wrong = py.import("metamorph._protocol")?.getattr("_wrong")?;
+    wrong.call1((&spec.class, name, value.to_python(py)?))?.extract()
+}
+
 impl Serialize for Setup {
-    fn serialize<S: Serializer>(&self, _: S) -> Result<S::Ok, S::Error> {
-        Err(S::Error::custom(ONLY_SIMULATED))
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        Told { parameters: self.parameters.clone(), move_time: self.move_time }.serialize(to)
     }
 }
 
 impl<'de> Deserialize<'de> for Setup {
-    fn deserialize<D: Deserializer<'de>>(_: D) -> Result<Setup, D::Error> {
-        Err(D::Error::custom(ONLY_SIMULATED))
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Setup, D::Error> {
+        let Told { parameters, move_time } = Told::deserialize(from)?;
+        let spec = Spec::read().ok_or_else(|| D::Error::custom("no protocol is given"))?;
+        Python::attach(|py| Setup::new(py, &spec, parameters, move_time)).map_err(D::Error::custom)
     }
 }

@@ -1,19 +1,41 @@
 //! A protocol as given to one call: its class, when a run is over, and what must hold. Also keeps the first error that
 //! its code raised.
 
-use crate::scenario::raise;
+use crate::raised::raise;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_world_controller::scenario::table::span;
 use pyo3::exceptions::{PyException, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyType;
+use std::cell::Cell;
 use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The protocol of the scenarios that are being read.
 static READING: Mutex<Option<Arc<Spec>>> = Mutex::new(None);
+
+thread_local! {
+    /// Whether what this thread reads is only to be shown.
+    static SHOWING: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Carries out `work`, which shows a record and needs no protocol for that.
+pub fn showing<T>(work: impl FnOnce() -> T) -> T {
+    let before = SHOWING.replace(true);
+    let done = work();
+    SHOWING.set(before);
+    done
+}
+
+/// True if this process is one agent.
+static IN_AGENT: AtomicBool = AtomicBool::new(false);
+
+/// Makes this process one agent, which ends when its code raises an error.
+pub fn be_agent() {
+    IN_AGENT.store(true, Ordering::Relaxed);
+}
 
 /// An error that the code of a protocol raised.
 struct Failure {
@@ -34,6 +56,8 @@ pub struct Spec {
     pub every: Option<Span>,
     failure: Mutex<Option<Failure>>,
     has_failed: AtomicBool,
+    /// True if this stands for a protocol that is not at hand: a recorded run can be shown with it, and not be carried out.
+    pub is_stand_in: bool,
 }
 
 impl fmt::Debug for Spec {
@@ -58,13 +82,40 @@ impl Spec {
         *READING.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(self));
         Reading
     }
-    /// Returns the protocol of the scenario that is being read.
+    /// Returns the protocol of the scenario that is being read; while a record is shown, one that stands for it.
     pub fn read() -> Option<Arc<Spec>> {
-        READING.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        let given = READING.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        given.or_else(|| SHOWING.get().then(Spec::stand_in).and_then(Result::ok))
+    }
+    /// Returns a protocol that stands for one that is not at hand.
+    fn stand_in() -> PyResult<Arc<Spec>> {
+        Python::attach(|py| {
+            let class = py.import("metamorph._protocol")?.getattr("Protocol")?.cast_into::<PyType>()?;
+            let spec = Spec::new(class.unbind(), None, Vec::new(), None);
+            Ok(Arc::new(Spec { is_stand_in: true, ..spec }))
+        })
+    }
+    fn new(
+        class: Py<PyType>,
+        until: Option<Py<PyAny>>,
+        invariants: Vec<(String, Py<PyAny>)>,
+        every: Option<Span>,
+    ) -> Spec {
+        let (failure, has_failed) = (Mutex::new(None), AtomicBool::new(false));
+        Spec { class, until, invariants, every, failure, has_failed, is_stand_in: false }
     }
 
     /// Notes an error of the protocol's code, unless there was one before; the run ends.
     pub fn fail(&self, error: PyErr, module: Option<ModuleId>, at: Time, input: impl Into<String>) {
+        if IN_AGENT.load(Ordering::Relaxed) {
+            // The controller reports the end of a process with what it has printed.
+            Python::attach(|py| error.print(py));
+            #[allow(
+                clippy::disallowed_methods,
+                reason = "the files of an agent are removed by its controller"
+            )]
+            std::process::exit(1);
+        }
         let mut failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
         if failure.is_none() {
             *failure = Some(Failure { error, module, at, input: input.into() });
@@ -120,7 +171,6 @@ impl Protocol {
                 "0 is no time between two checks; leave it out to check after every input".to_owned(),
             ));
         }
-        let (failure, has_failed) = (Mutex::new(None), AtomicBool::new(false));
-        Ok(Protocol { spec: Arc::new(Spec { class: class_, until, invariants, every, failure, has_failed }) })
+        Ok(Protocol { spec: Arc::new(Spec::new(class_, until, invariants, every)) })
     }
 }

@@ -89,7 +89,7 @@ fn the_election_in_cubes_has_the_hashes_of_its_twin_in_python() {
         [(Ratio::ZERO, "b10d646b43a185e1"), (Ratio::new(1, 20).expect("a probability"), "9fac05619f5dba9f")]
     {
         let cells: Vec<Cell> = (0..10).flat_map(|x| (0..10).map(move |y| Cell::new(x, y, 0))).collect();
-        let world = CubeBodies::new(CubeWorld::new(&cells, Span::secs(1), 1), Vec::new());
+        let world = CubeBodies::new(CubeWorld::new(&cells, Span::secs(1), 1));
         let config = SimConfig {
             setup: Arc::new(Setup { repeat: Span::millis(500) }),
             link: LinkModel {

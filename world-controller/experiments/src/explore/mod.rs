@@ -28,10 +28,12 @@ use metamorph_processes::family::{self, simulate};
 use metamorph_protocol::coverage::{self, CoveragePoints};
 use metamorph_protocol::defects::Defect;
 use metamorph_scenario::Plan;
+use metamorph_scenario::quote;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_text::command_error::{CommandError, FAILED};
 use metamorph_text::escape::{Shown, portable};
 use metamorph_text::format::{many, rate, seconds};
+use metamorph_text::program;
 use std::fs;
 use std::hash::{BuildHasher, RandomState};
 use std::io;
@@ -345,5 +347,6 @@ fn found(
 
 /// Returns the command that repeats the run of a seed.
 fn repeat(seed: u64, drawn: Drawn) -> String {
-    format!("metamorph explore --runs 1 --seed {seed}{}", drawn.options())
+    let program = quote(program::name().to_owned());
+    format!("{program} explore --runs 1 --seed {seed}{}", drawn.options())
 }

@@ -8,6 +8,7 @@ use metamorph_scenario::quote;
 use metamorph_sim_bridge::director::proof::RuleSet;
 use metamorph_text::format::{count, many};
 use metamorph_text::paint::Paint;
+use metamorph_text::program;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -341,7 +342,8 @@ fn write_text(out: &mut String, summary: &Summary, paint: Paint) -> std::fmt::Re
                 many(*faults as u64, "fault"),
                 many(found.shrinking, "run")
             )?;
-            writeln!(out, "  metamorph run {} --link sim", quote(file.to_string_lossy().into_owned()))?;
+            let (program, file) = (program::name(), quote(file.to_string_lossy().into_owned()));
+            writeln!(out, "  {} run {file} --link sim", quote(program.to_owned()))?;
         }
     }
     writeln!(

@@ -31,6 +31,7 @@ use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_text::command_error::{BAD_USAGE, CommandError, FAILED};
 use metamorph_text::escape::{Shown, json, portable};
 use metamorph_text::format::{count, many, rate, seconds};
+use metamorph_text::program;
 use page::Context;
 use pool::{News, Work};
 use std::collections::BTreeSet;
@@ -167,7 +168,7 @@ impl Scenario {
 
     /// Returns the command that gives the same results from the file of this name.
     fn command(&self, file: String, grid: &Grid) -> String {
-        let mut words = vec!["metamorph".to_owned(), "sweep".to_owned(), quote(file)];
+        let mut words = vec![quote(program::name().to_owned()), "sweep".to_owned(), quote(file)];
         words.extend(["--seeds".to_owned(), grid.seeds.to_string()]);
         words.extend(grid.vary.iter().flat_map(|v| ["--vary".to_owned(), quote(v.to_string())]));
         words.extend(self.overrides.options().into_iter().map(quote));
@@ -177,7 +178,8 @@ impl Scenario {
     /// Returns the command that repeats one run.
     pub fn repeat(&self, grid: &Grid, run: u64) -> String {
         let (file, seed) = (quote(self.origin.clone()), grid.seed(run));
-        let command = format!("metamorph run {file} --link sim --seed {seed}");
+        let program = quote(program::name().to_owned());
+        let command = format!("{program} run {file} --link sim --seed {seed}");
         let changes = self.changes(grid, grid.combination(run)).options();
         std::iter::once(command).chain(changes.into_iter().map(quote)).collect::<Vec<_>>().join(" ")
     }

@@ -7,10 +7,27 @@ use metamorph_protocol::cube::control::{Order, Status};
 use metamorph_protocol::cube::message::{Ask, Denial, Entry, Message};
 use metamorph_protocol::cube::params::Setup;
 use metamorph_protocol::lattice::{Cell, Face, MotionKind};
+use metamorph_protocol::time::Span;
 use metamorph_report::message_timeline::{FAR, MessageLabel};
 use metamorph_scene::parts::{Displacement, Motion, Part, Segment, Shape, Step, Tone};
 use metamorph_scene::visible::{ActionOutcome, Colour, GoalView, ModuleView, Role, Stage, Targets, Words};
 use nalgebra::UnitQuaternion;
+
+/// Returns the motion of a cube, and its cell afterwards. It goes straight, or around the edge of a neighbour, which it does not
+/// cut.
+pub fn motion(move_time: Span, cell: &Cell, Move { motion, .. }: &Move) -> (Motion, Cell) {
+    let slide = |until, towards: Face| {
+        let by = <[i16; 3]>::from(towards.offset()).map(f64::from);
+        Segment { until, steps: vec![Step { parts: 0..1, by: Displacement::Slide(by) }] }
+    };
+    let (name, segments) = match motion.kind {
+        MotionKind::Slide => ("slides", vec![slide(1.0, motion.heading)]),
+        MotionKind::Convex => {
+            ("goes around an edge", vec![slide(0.5, motion.heading), slide(1.0, motion.support)])
+        }
+    };
+    (Motion { takes: move_time, name: name.to_owned(), segments }, motion.destination(*cell))
+}
 
 impl Visible for Cube {
     const WORDS: Words = Words {
@@ -39,6 +56,7 @@ impl Visible for Cube {
             goals: goals.collect(),
             targets: Targets::Cells,
             floor: None,
+            contacts: Vec::new(),
         }
     }
 
@@ -47,20 +65,8 @@ impl Visible for Cube {
         vec![Part::in_cell(shape, *cell, UnitQuaternion::identity(), Tone::Plain)]
     }
 
-    /// A cube goes straight, or around the edge of a neighbour, which it does not cut.
-    fn motion(setup: &Setup, cell: &Cell, Move { motion, .. }: &Move) -> Option<(Motion, Cell)> {
-        let slide = |until, towards: Face| {
-            let by = <[i16; 3]>::from(towards.offset()).map(f64::from);
-            Segment { until, steps: vec![Step { parts: 0..1, by: Displacement::Slide(by) }] }
-        };
-        let (name, segments) = match motion.kind {
-            MotionKind::Slide => ("slides", vec![slide(1.0, motion.heading)]),
-            MotionKind::Convex => {
-                ("goes around an edge", vec![slide(0.5, motion.heading), slide(1.0, motion.support)])
-            }
-        };
-        let drawn = Motion { takes: setup.params.move_time, name: name.to_owned(), segments };
-        Some((drawn, motion.destination(*cell)))
+    fn motion(setup: &Setup, cell: &Cell, action: &Move) -> Option<(Motion, Cell)> {
+        Some(motion(setup.params.move_time, cell, action))
     }
 
     fn cell(cell: &Cell) -> Cell {
@@ -84,7 +90,7 @@ impl Visible for Cube {
         ModuleView { role: s.role as u8, flags, place: s.epoch.goal().into(), waits_for: s.waits_for }
     }
 
-    fn said(message: &Message) -> MessageLabel {
+    fn said(_: &Setup, message: &Message) -> MessageLabel {
         match message {
             Message::Beacon(b) => {
                 let known = b.field.iter().filter(|e| e.is_known()).map(|e| e.moves()).min();
@@ -96,7 +102,7 @@ impl Visible for Cube {
             }
             Message::Response { id, denial: None, .. } => MessageLabel::about("granted, to", id.origin),
             Message::Response { denial: Some(why), blocker, .. } => MessageLabel {
-                whom: *blocker,
+                number: blocker.map(|id| id.0.into()),
                 ..MessageLabel::of(match (why, blocker) {
                     (Denial::Occupied, None) => "denied: occupied",
                     (Denial::Occupied, Some(_)) => "denied: occupied by",

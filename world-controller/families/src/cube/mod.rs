@@ -14,6 +14,7 @@ mod words;
 
 use crate::generated::{Dice, GeneratedSwarm};
 use crate::{ExploredFamily, FamilyParts};
+pub use look::motion;
 use metamorph_protocol::cube::params::{Connectivity, Setup};
 use metamorph_protocol::defects::Defect;
 use metamorph_protocol::ids::ModuleId;
@@ -143,8 +144,8 @@ const WORDS: Words = Words {
     cell: "goal cell",
     part: "cell",
     cells: "cells",
-    negotiation: "negotiation",
-    body: "the body",
+    filled: "filled",
+    collisions: Some(["negotiation", "the body"]),
     idle: "has a path",
     time_step: "move time",
     action: "move",

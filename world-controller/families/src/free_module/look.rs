@@ -84,7 +84,13 @@ impl Visible for LatticeModule {
     };
 
     fn stage(setup: &LatticeSetup) -> Stage {
-        Stage { time_step: setup.turn_time, goals: vec![Vec::new()], targets: Targets::Cells, floor: None }
+        Stage {
+            time_step: setup.turn_time,
+            goals: vec![Vec::new()],
+            targets: Targets::Cells,
+            floor: None,
+            contacts: Vec::new(),
+        }
     }
 
     fn at_rest(_: &LatticeSetup, place: &LatticePlace) -> Vec<Part> {
@@ -167,7 +173,7 @@ impl Visible for LatticeModule {
         ModuleView { role, flags: 0, place: -1, waits_for: s.waits_for }
     }
 
-    fn said(message: &LatticeMessage) -> MessageLabel {
+    fn said(_: &Self::Setup, message: &LatticeMessage) -> MessageLabel {
         let LatticeMessage { origin, what, .. } = *message;
         match what {
             LockMessage::Request => MessageLabel::about("keep still, for", origin),

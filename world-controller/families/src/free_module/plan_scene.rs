@@ -41,7 +41,7 @@ pub fn plan_scene(plan: &PlanFile, repeat: String) -> Result<(Scene, Bodies<Latt
     let physics = Physics { collision: Model::Final, ..physics(plan, &at) };
     let setup = Arc::new(LatticeSetup::scaled(ACTION_TIME, Span::ZERO));
     let places = at.robots.iter().map(place).collect();
-    let bodies = Bodies::<LatticeModule> { setup: Arc::clone(&setup), places };
+    let bodies = Bodies::<LatticeModule> { setup: Arc::clone(&setup), places, contacts: Vec::new() };
     let mut scene = Scene::new(heading(plan, repeat), &bodies, true);
     for (i, step) in (0..).zip(&plan.actions) {
         let refused = |reason: String| PlanError::option(&format!("action {i}"), reason, "plan again");

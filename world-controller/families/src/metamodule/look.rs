@@ -113,6 +113,7 @@ impl Visible for Metamodule {
             goals: goals.collect(),
             targets: Targets::Groups(HALVES / 2),
             floor: Some(Floor { min, max, headroom: HEIGHT }),
+            contacts: Vec::new(),
         }
     }
 
@@ -187,7 +188,7 @@ impl Visible for Metamodule {
         ModuleView { role, flags: if s.stuck { ASKS } else { 0 }, place, waits_for: s.waits_for }
     }
 
-    fn said(message: &Message) -> MessageLabel {
+    fn said(_: &Setup, message: &Message) -> MessageLabel {
         match message {
             Message::State(s) => {
                 let far = s.claim.map_or(FAR, |c| c.cost.into());

@@ -35,6 +35,7 @@ use metamorph_sim_bridge::world::World;
 use metamorph_text::command_error::{CommandError, DAMAGED, FAILED};
 use metamorph_text::escape::Shown;
 use metamorph_text::format::{many, seconds};
+use metamorph_text::program;
 use metamorph_text::progress::Status;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -154,7 +155,7 @@ fn options<R: Runnable>(swarm: &R, plan: &Plan, parts: Option<&Parts>) -> Result
     let program = std::env::current_exe().map_err(ProcessError::Program)?;
     Ok(SwarmOptions {
         // `--` keeps the agent's arguments from being read as options of this program.
-        program_args: vec!["agent".into(), "--".into(), swarm.agent().into()],
+        program_args: program::again(["agent".into(), "--".into(), swarm.agent().into()]),
         seed: plan.seed,
         speed: speed(plan.time_scale),
         tolerance: swarm.time_step() / TOLERATED,
@@ -162,7 +163,7 @@ fn options<R: Runnable>(swarm: &R, plan: &Plan, parts: Option<&Parts>) -> Result
         hosts: HostsOptions { build: build(), family: swarm.agent().to_owned(), ..HostsOptions::default() },
         // An interrupt during the setup ends the swarm at once.
         catch_signals: true,
-        watcher: Some((program.clone(), vec![WATCH.into()])),
+        watcher: Some((program.clone(), program::again([WATCH.into()]))),
         journal: parts.cloned(),
         ..SwarmOptions::new(program)
     })

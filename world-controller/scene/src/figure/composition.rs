@@ -27,6 +27,8 @@ pub struct Subject<'a> {
     pub words: &'static Words,
     /// The floor; `None` if bodies stand on each other.
     pub floor: Option<Floor>,
+    /// Contacts that do not follow from the places of bodies.
+    pub contacts: Vec<[ModuleId; 2]>,
 }
 
 /// Properties that all pictures of a figure share, so that an animation stays still.

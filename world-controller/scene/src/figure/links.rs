@@ -62,7 +62,7 @@ impl Subject<'_> {
     /// Returns the lines between drawn modules.
     pub fn links(&self, snapshot: &Snapshot, composition: &Composition) -> Vec<Link> {
         let wanted = |links: Links| self.style.links.contains(&links);
-        if self.style.links.is_empty() {
+        if self.style.links.is_empty() && self.contacts.is_empty() {
             return Vec::new();
         }
         let drawn: BTreeMap<ModuleId, V> = composition
@@ -77,7 +77,8 @@ impl Subject<'_> {
             Some(Link { kind, from: *drawn.get(&from)?, to: *drawn.get(&to)? })
         };
         let mut links = Vec::new();
-        if wanted(Links::Contacts) {
+        links.extend(self.contacts.iter().filter_map(|[a, b]| link(LinkKind::Contact, *a, *b)));
+        if wanted(Links::Contacts) && self.contacts.is_empty() {
             links.extend(
                 contacts(snapshot, &drawn).into_iter().filter_map(|[a, b]| link(LinkKind::Contact, a, b)),
             );

@@ -23,6 +23,7 @@ pub mod solid;
 
 use crate::bodies::ShownSwarm;
 use crate::scene::Scene;
+use crate::visible::Stage;
 use animation::Format;
 use composition::{Extent, Subject};
 use drawing::Provenance;
@@ -141,8 +142,9 @@ impl<'a> Figure<'a> {
         style: &'a Style,
         provenance: Provenance,
     ) -> Figure<'a> {
-        let (view, words, floor) = (style.camera.view(), swarm.words(), swarm.stage().floor);
-        Figure { scene, swarm, subject: Subject { style, view, words, floor }, provenance }
+        let (view, words) = (style.camera.view(), swarm.words());
+        let Stage { floor, contacts, .. } = swarm.stage();
+        Figure { scene, swarm, subject: Subject { style, view, words, floor, contacts }, provenance }
     }
 
     /// Draws a moment.

@@ -63,8 +63,10 @@ function meanings({ words: { roles, levels, distance }, hosts }, meaning, farthe
     far,
   });
   switch (meaning) {
-    case "state":
-      return [...roles.map((role) => swatch(role.legend, colour[role.colour])), ...lives];
+    case "state": {
+      const named = roles.filter(({ legend }, i) => roles.findIndex((other) => other.legend === legend) === i);
+      return [...named.map((role) => swatch(role.legend, colour[role.colour])), ...lives];
+    }
     case "level":
       return [ramp(0.08, 0.96, ...levels), swatch("not in the goal", colour.none)];
     case "gradient":

@@ -5,6 +5,13 @@ function ribbon(into, a, wa, b, wb, rgba, flow) {
   into.push(...a, wa, ...b, wb, ...rgba, flow);
 }
 
+/** Adds a line for each contact, a pair of modules. */
+export function contactLines(into, contacts, middles, colour) {
+  for (const [a, b] of contacts) {
+    if (middles[a] && middles[b]) ribbon(into, middles[a], 0.03, middles[b], 0.03, [...colour, 1], 0);
+  }
+}
+
 /** Adds a bent arrow from one point to another. */
 export function arrow(into, a, b, rgba, width) {
   if (!a || !b) return;

@@ -4,7 +4,7 @@
 import { Filled, cellKey, key, middle } from "./cells.js";
 import { Numbers, PART, PATTERN } from "./instances.js";
 import { TOLD, legend, ownColour, scale } from "./legend.js";
-import { arrow, messageLines } from "./links.js";
+import { arrow, contactLines, messageLines } from "./links.js";
 import { POSE, UPRIGHT, box, halfCube, posesAt, wires } from "./parts.js";
 import { FILLS } from "./story.js";
 
@@ -113,7 +113,7 @@ export class Picture {
     for (const name of ["idle", "active", "done", "dead", "paused", "stuck", "none"]) {
       this.colour[name] = read(`--m-${name}`);
     }
-    for (const name of ["paper", "sky", "edge", "mark", "ghost", "foreign", "chosen", "wait", "bad", "floor", "line"]) {
+    for (const name of ["paper", "sky", "edge", "mark", "ghost", "foreign", "chosen", "wait", "bad", "floor", "line", "soft"]) {
       this.colour[name] = read(`--${name}`);
     }
     for (const hold of ["rests", "held", "shared", "fallen"]) this.colour[hold] = read(`--element-${hold}`);
@@ -152,6 +152,7 @@ export class Picture {
     for (let id = 0; id < this.story.modules.length; id++) this.addModule(id, t, frame);
     if (!frame.back) this.hideEnclosed();
     this.addCells(t, frame);
+    contactLines(this.links, this.story.scene.contacts, this.middles, this.colour.soft);
     if (options.messages && frame.talk) this.addTalk(frame.talk, options);
     return this.addWaits(t, frame);
   }

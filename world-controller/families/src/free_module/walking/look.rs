@@ -97,7 +97,13 @@ impl Visible for FreeModule {
 
     fn stage(_: &WalkSetup) -> Stage {
         // The floor has no end, and views show all of a floor.
-        Stage { time_step: Span::secs(1), goals: vec![Vec::new()], targets: Targets::Cells, floor: None }
+        Stage {
+            time_step: Span::secs(1),
+            goals: vec![Vec::new()],
+            targets: Targets::Cells,
+            floor: None,
+            contacts: Vec::new(),
+        }
     }
     fn at_rest(_: &WalkSetup, place: &BodyPlace) -> Vec<Part> {
         parts(&place.pose)
@@ -135,7 +141,7 @@ impl Visible for FreeModule {
         };
         ModuleView { role, flags: 0, place: -1, waits_for: None }
     }
-    fn said(message: &WalkMessage) -> MessageLabel {
+    fn said(_: &Self::Setup, message: &WalkMessage) -> MessageLabel {
         MessageLabel::of(match message {
             WalkMessage::LinkState(_) => "what a module is docked to",
             WalkMessage::Known { .. } => "what is known of the structure",

@@ -127,7 +127,7 @@ where
         if let Who::Agent(id, incarnation) = record.who
             && request.agent == Some(id)
         {
-            worded::tell::<AgentOf<R>>(&mut shown, &record, incarnation);
+            worded::tell::<AgentOf<R>>(&mut shown, swarm.setup(), &record, incarnation);
         }
         if let Err(what) = engine.carry_out(&record) {
             let (number, Record { at, who, .. }) = (engine.done().records, record);

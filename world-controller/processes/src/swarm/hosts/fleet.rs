@@ -297,7 +297,7 @@ fn start(program: &Path, socket: &Path) -> io::Result<Child> {
     // iceoryx2 does not mark its files to be closed on exec.
     close_fds::set_fds_cloexec_threadsafe(3, &[]);
     Command::new(program)
-        .args(["host", "--once", "--listen"])
+        .args(metamorph_text::program::again(["host", "--once", "--listen"].map(Into::into)))
         .arg(socket)
         .stdin(Stdio::null())
         .stdout(Stdio::null())

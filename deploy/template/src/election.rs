@@ -1,1 +1,0 @@
-../../tutorial/src/election.rs

@@ -1,0 +1,1 @@
+../../tutorial/src/family.rs

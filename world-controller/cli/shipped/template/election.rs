@@ -1,1 +1,0 @@
-../../../../deploy/tutorial/src/election.rs

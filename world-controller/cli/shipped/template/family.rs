@@ -1,0 +1,1 @@
+../../../../deploy/tutorial/src/family.rs

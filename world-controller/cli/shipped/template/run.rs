@@ -1,1 +1,0 @@
-../../../../deploy/template/src/run.rs
