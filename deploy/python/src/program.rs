@@ -9,9 +9,9 @@ use pyo3::prelude::*;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-/// Carries out a command line, and returns whether it succeeded; raises the error that the code of the protocol has raised. `leading` are the arguments with which the interpreter comes here
-/// again, `protocol` is that of the run; without it runs can only be shown. It takes signals over from the interpreter, so the
-/// process should do nothing else.
+/// Carries out a command line, and returns whether it succeeded; raises the error that the code of the protocol has raised.
+/// `leading` are the arguments with which the interpreter comes here again, `protocol` is that of the run; without it runs can
+/// only be shown. It takes signals over from the interpreter, so the process should do nothing else.
 #[pyfunction]
 #[pyo3(signature = (leading, words, protocol))]
 pub fn program(

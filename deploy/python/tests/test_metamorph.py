@@ -179,6 +179,14 @@ def test_processes_run_by_the_program() -> None:
     assert (report.faults[0]["fault"], report.faults[0]["module"]) == ("kill", 3) and report.agents["crashed"] >= 1
 
 
+def test_another_file_of_its_name_is_no_scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = mm.Scenario.parse(mm.Scenario.load("swarm").to_toml())
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scenario.toml").write_text("this is no scenario")
+    assert mm.run(scenario, link="ipc", seed=1).outcome == "built"
+    assert b"<svg" in mm.render(scenario, at="1s").data[:200]
+
+
 def test_faults_are_objects_or_text() -> None:
     assert mm.Fault.kill(7, at="2s") == "kill 7@2000000000ns" and mm.Fault.resume(3) == "resume 3"
     assert mm.Fault.pause(1, at=1, until="2s") == "pause 1@1000000000ns..2000000000ns"

@@ -77,7 +77,7 @@ pub trait FamilyParts: ExploredFamily {
     /// Where each body is at the start.
     fn places(&self, swarm: &Self::Swarm) -> Vec<<AgentOf<Self::Swarm> as Agent>::Place>;
     /// Contacts that do not follow from the places of bodies, for pictures.
-    fn drawn_contacts(&self, _: &Self::Swarm) -> Vec<[ModuleId; 2]> {
+    fn drawn_contacts(&self, _: &Self::Swarm) -> Vec<(ModuleId, ModuleId)> {
         Vec::new()
     }
 }

@@ -88,7 +88,7 @@ pub struct Bodies<A: Visible> {
     /// The place of each body.
     pub places: Vec<A::Place>,
     /// Contacts that do not follow from the places, for [`Stage::contacts`].
-    pub contacts: Vec<[ModuleId; 2]>,
+    pub contacts: Vec<(ModuleId, ModuleId)>,
 }
 
 impl<A: Visible<Place: 'static> + 'static> ShownSwarm for Bodies<A> {

@@ -120,11 +120,12 @@ fn write_collisions_and_time(out: &mut String, r: &Report, words: &Words) -> std
             count(c.suffered)
         )?;
     }
+    let steps = words.collisions.map(|_| many(t.move_times.round() as u64, words.time_step));
     writeln!(
         out,
-        "  time        {} in the scenario ({}), {} real, {} to set up",
+        "  time        {} in the scenario{}, {} real, {} to set up",
         seconds(t.virtual_s),
-        many(t.move_times.round() as u64, words.time_step),
+        steps.map_or(String::new(), |steps| format!(" ({steps})")),
         seconds(t.wall_s),
         seconds(t.setup_s)
     )?;

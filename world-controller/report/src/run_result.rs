@@ -6,6 +6,7 @@ use crate::prospect::Prospect;
 use crate::schema::{MoveReport, StageReport};
 use metamorph_core::time::Time;
 use metamorph_kernel::director::faults::FaultRecord;
+use metamorph_kernel::director::monitor::RunMonitor;
 use metamorph_kernel::director::outcome::{Outcome, Stall};
 use metamorph_kernel::director::progress::Progress;
 use metamorph_kernel::director::proof::{Found, RuleSet};
@@ -65,4 +66,27 @@ pub struct RunResult {
     pub operator: Option<OperatorReport>,
     /// The results that only this family has.
     pub family_part: Option<FamilyPart>,
+}
+
+impl RunResult {
+    /// Returns the part of a result that the monitor of a run knows; the rest is empty.
+    pub fn of<O>(monitor: &RunMonitor<O>, progress: Progress) -> RunResult {
+        let (crashed, restarted) = monitor.crashed_and_restarted();
+        RunResult {
+            ended: monitor.outcome(),
+            progress,
+            crashed,
+            restarted,
+            stall: monitor.stall().cloned(),
+            standstills: monitor.standstills().clone(),
+            snapshot: None,
+            struck: monitor.struck().to_vec(),
+            prevented: 0,
+            stages: Vec::new(),
+            bodies: MoveReport::default(),
+            moves: 0,
+            operator: None,
+            family_part: None,
+        }
+    }
 }

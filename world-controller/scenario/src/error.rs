@@ -198,6 +198,9 @@ pub enum ScenarioError {
     /// There is no goal.
     #[error("the scenario has no [[goal]]")]
     NoGoal,
+    /// A goal in a scenario of a family whose protocol has its own.
+    #[error("the family `{0}` has no [[goal]]")]
+    GoalOfProtocol(&'static str),
     /// There are too many goals.
     #[error("the scenario has {0} goals; {MAX_GOALS} is the maximum")]
     TooManyGoals(usize),
@@ -326,6 +329,9 @@ impl ScenarioError {
             }
             ScenarioError::DisconnectedStart { .. } => "connect every module to the rest by a face".into(),
             ScenarioError::TooManyGoals(_) => "run it in parts".into(),
+            ScenarioError::GoalOfProtocol(_) => {
+                "remove it; the protocol says when its modules have reached their goal".to_owned()
+            }
             ScenarioError::NoGoal => {
                 "add for example\n    [[goal]]\n    shape = { box = { min = [0, 0, 0], max = [4, 4, 0] } }"
                     .into()

@@ -49,7 +49,7 @@ pub trait ScenarioFamily: Sync {
     fn report_part(&self) -> Option<(&'static str, Value)> {
         None
     }
-    /// Returns true if its scenarios have at least one `[[goal]]`.
+    /// Returns true if its scenarios have at least one `[[goal]]`; otherwise they have none.
     fn needs_goal(&self) -> bool {
         true
     }

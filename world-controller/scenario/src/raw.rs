@@ -196,8 +196,12 @@ impl Raw {
             raw.failed_connections = section.get("failed_connections", diagnostics);
             raw.swarm = Some(family.read(section, &others, diagnostics));
         }
-        if others.goals.is_none() && family.needs_goal() {
-            diagnostics.add(Place::File, ScenarioError::NoGoal);
+        match others.goals {
+            None if family.needs_goal() => diagnostics.add(Place::File, ScenarioError::NoGoal),
+            Some(goals) if !family.needs_goal() => {
+                diagnostics.add(goals.span(), ScenarioError::GoalOfProtocol(family.name()));
+            }
+            _ => {}
         }
         if let Some(node) = top.node("link") {
             raw.read_link(node, diagnostics);

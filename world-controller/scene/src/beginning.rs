@@ -91,7 +91,7 @@ pub(super) struct Beginning {
     pub(super) targets: Targets,
     floor: Option<Floor>,
     /// Contacts that are drawn as lines.
-    contacts: Vec<[ModuleId; 2]>,
+    contacts: Vec<(ModuleId, ModuleId)>,
     /// Partitions: the modules cut off from the others, and the beginning and end.
     partitions: Vec<(Vec<u32>, u64, u64)>,
     /// The hosts; `None` if there is one only.

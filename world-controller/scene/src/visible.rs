@@ -120,7 +120,7 @@ pub struct Stage {
     /// The floor; `None` if bodies stand on each other.
     pub floor: Option<Floor>,
     /// Contacts that do not follow from the places of bodies, and so are drawn as lines.
-    pub contacts: Vec<[ModuleId; 2]>,
+    pub contacts: Vec<(ModuleId, ModuleId)>,
 }
 
 /// The goal that is built, and where.

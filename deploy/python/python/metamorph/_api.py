@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 
 from . import _metamorph as _native
 from . import _plot, _program
-from ._embedded import NONE, command, name_of
+from ._embedded import NONE, name_of, within
 from ._errors import MetamorphError, ProgramError, ScenarioError
 from ._processes import Work, rows
+from ._program import Program
 from ._protocol import Invariant, Protocol, Until, _given
 from ._table import Table
 from ._time import Duration, nanoseconds
@@ -276,45 +277,52 @@ def run(
                 "invariants see the objects of all modules, which are in processes of their own with link=\"ipc\"; check"
                 " them with link=\"sim\""
             )
-        program: list[str] = [_program.find()]
-        environment: Optional[dict[str, str]] = None
+        program = _program.own()
         if protocol is not None:
             if name_of(protocol) == NONE or (until is not None and name_of(until) == NONE):
                 raise ValueError(
                     "every process imports the class and `until`, so they must be in a file; write them at the top of a module"
                 )
-            program, environment = command(protocol, until)
+            program = within(protocol, until)
             chosen = chosen.set("swarm.family", "python")
         chosen._plan(seed, given)  # Errors of the scenario are raised here.
-        return _run_processes(program, environment, chosen, seed, journal, timeout_s)
+        return _run_processes(program, chosen, seed, journal, timeout_s)
     if link != "sim":
         raise ValueError(f"link is {link!r}; write \"sim\" or \"ipc\"")
     text = _native.run(chosen._plan(seed, given), None if journal is None else os.fspath(journal), timeout_s)
     return Report(json.loads(text))
 
 
+def _written(scenario: Scenario, directory: Path) -> tuple[str, list[str]]:
+    """A file of a scenario, and the options for what is set in it."""
+    file, text = scenario._origin, scenario.to_toml()
+    # Its name may be that of another file.
+    is_there = Path(file).read_text() == text if Path(file).is_file() else file in scenarios()
+    if not is_there:
+        file = str(directory / "scenario.toml")
+        Path(file).write_text(text)
+    words = [f"--set={setting}" for setting in scenario._settings]
+    for fault in scenario._faults:
+        verb, _, what = fault.partition(" ")
+        words.append(f"--{verb}={what}")
+    return file, words
+
+
 def _run_processes(
-    program: list[str],
-    environment: Optional[dict[str, str]],
+    program: Program,
     scenario: Scenario,
     seed: Optional[int],
     journal: Optional[Union[str, os.PathLike[str]]],
     timeout_s: Optional[float],
 ) -> Report:
     with tempfile.TemporaryDirectory() as directory:
-        report, file = Path(directory) / "report.json", scenario._origin
-        if not Path(file).exists() and file not in scenarios():
-            file = str(Path(directory) / "scenario.toml")
-            Path(file).write_text(scenario.to_toml())
-        words = [*program, "run", file, "--link", "ipc", "--quiet", "--json", str(report)]
+        report = Path(directory) / "report.json"
+        file, options = _written(scenario, Path(directory))
+        words = [*program.command, "run", file, "--link", "ipc", "--quiet", "--json", str(report), *options]
         words += ["--seed", str(seed)] if seed is not None else []
-        words += [word for s in scenario._settings for word in ("--set", s)]
-        for fault in scenario._faults:
-            verb, _, what = fault.partition(" ")
-            words += [f"--{verb}", what]
         words += ["--journal", os.fspath(journal)] if journal is not None else []
         with subprocess.Popen(
-            words, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+            words, env=program.environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
         ) as process:
             try:
                 _, said = process.communicate(timeout=timeout_s)

@@ -13,17 +13,18 @@ from typing import Any, NamedTuple, Optional, Sequence, Union
 from urllib.parse import quote
 
 from . import _program
-from ._api import Report, Scenario, ScenarioLike, Simulation, Sweep, _scenario
-from ._embedded import command as embedded
+from ._api import Report, ScenarioLike, Simulation, Sweep, _scenario, _written
+from ._embedded import within
 from ._errors import ProgramError
 from ._journal import Journal
+from ._program import Program
 from ._table import Table
 
 PathLike = Union[str, "os.PathLike[str]"]
 
 
 def _call(*words: str, program: Optional[Program] = None) -> bytes:
-    command, environment = program or Program([_program.find()], None)
+    command, environment = program or _program.own()
     done = subprocess.run([*command, *words], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     if done.returncode != 0:
         text = done.stderr.decode(errors="replace").strip()
@@ -31,18 +32,9 @@ def _call(*words: str, program: Optional[Program] = None) -> bytes:
     return done.stdout
 
 
-class Program(NamedTuple):
-    """What carries out a command line."""
-
-    command: list[str]
-    environment: Optional[dict[str, str]]
-
-
 def _that_shows(journal: Journal) -> Program:
     """What shows a journal: the program, or this package if the protocol of the run is written in Python."""
-    if journal.family != "python":
-        return Program([_program.find()], None)
-    return Program(*embedded(journal._protocol, None))
+    return within(journal._protocol, None) if journal.family == "python" else _program.own()
 
 
 class Figure:
@@ -150,7 +142,7 @@ class Page:
 
     def _serve(self, source: Union[ScenarioLike, Journal], seed: Optional[int], directory: Path) -> str:
         words: list[str] = []
-        program = Program([_program.find()], None)
+        program = _program.own()
         if isinstance(source, Journal):
             file, program = source.path, _that_shows(source)
         elif isinstance(source, (str, os.PathLike)):
@@ -225,19 +217,6 @@ def export(journal: Journal, out: PathLike, *, schema: str = "foxglove") -> None
     """
     words = ("export", journal.path, f"--mcap={os.fspath(out)}", f"--schema={schema}")
     _call(*words, program=_that_shows(journal))
-
-
-def _written(scenario: Scenario, directory: Path) -> tuple[str, list[str]]:
-    """A file of a scenario, and the options for what is set in it."""
-    file = scenario._origin
-    if not Path(file).exists():
-        file = str(directory / "scenario.toml")
-        Path(file).write_text(scenario.to_toml())
-    words = [f"--set={setting}" for setting in scenario._settings]
-    for fault in scenario._faults:
-        verb, _, what = fault.partition(" ")
-        words.append(f"--{verb}={what}")
-    return file, words
 
 
 class Diff(NamedTuple):

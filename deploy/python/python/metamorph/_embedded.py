@@ -10,6 +10,7 @@ from functools import reduce
 from typing import Any, Callable, Optional
 
 from . import _metamorph as _native
+from ._program import Program
 from ._protocol import Protocol, Until, _given
 
 #: Names class and `until`, as `module:name`, before the command.
@@ -30,10 +31,10 @@ def name_of(given: Optional[Callable[..., Any]]) -> str:
     return f"{module}:{qualified}" if module.isidentifier() or "." in module else NONE
 
 
-def command(protocol: Optional[type[Protocol]], until: Optional[Until]) -> tuple[list[str], dict[str, str]]:
-    """What starts the program within an interpreter, and its environment."""
+def within(protocol: Optional[type[Protocol]], until: Optional[Until]) -> Program:
+    """The program within an interpreter."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
-    return [sys.executable, "-m", "metamorph", OPTION, name_of(protocol), name_of(until)], environment
+    return Program([sys.executable, "-m", "metamorph", OPTION, name_of(protocol), name_of(until)], environment)
 
 
 def _imported(name: str) -> Any:

@@ -6,6 +6,7 @@ import os
 import shutil
 import sys
 from pathlib import Path
+from typing import NamedTuple, Optional
 
 from ._errors import ProgramError
 
@@ -23,6 +24,20 @@ def find() -> str:
             "  fix: install the package with `pip install ./deploy/python`, which builds it"
         )
     return found
+
+
+class Program(NamedTuple):
+    """What carries out a command line."""
+
+    #: The words before the command.
+    command: list[str]
+    #: Its environment; that of this process if there is none.
+    environment: Optional[dict[str, str]] = None
+
+
+def own() -> Program:
+    """The program of :func:`find`."""
+    return Program([find()])
 
 
 def main() -> None:

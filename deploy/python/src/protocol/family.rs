@@ -140,13 +140,6 @@ impl ScenarioFamily for PythonFamily {
             if has_graph { swarm.get("start", diagnostics) } else { swarm.need("start", START, diagnostics) };
         let move_time = swarm.get("move_time", diagnostics);
         swarm.finish(diagnostics);
-        if let Some(goals) = others.goals {
-            let (reason, fix) = (
-                "a protocol written in Python has no [[goal]]",
-                "remove it; `until=` says when a run is over",
-            );
-            diagnostics.add(goals.span(), problem(reason, fix));
-        }
         let parameters = parameters(others, diagnostics);
         Box::new(RawPython { start, contacts, move_time, parameters, spec: Spec::read() })
     }
@@ -426,10 +419,10 @@ impl FamilyParts for PythonFamily {
     fn places(&self, swarm: &PySwarm) -> Vec<Cell> {
         swarm.placed.cells().to_vec()
     }
-    fn drawn_contacts(&self, swarm: &PySwarm) -> Vec<[ModuleId; 2]> {
+    fn drawn_contacts(&self, swarm: &PySwarm) -> Vec<(ModuleId, ModuleId)> {
         match &swarm.placed {
             Placed::Cubes(_) => Vec::new(),
-            Placed::Graph(_, graph) => graph.contacts().iter().map(|ends| ends.map(|(id, _)| id)).collect(),
+            Placed::Graph(_, graph) => graph.pairs(),
         }
     }
 }

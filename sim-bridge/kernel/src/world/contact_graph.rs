@@ -9,8 +9,8 @@ use thiserror::Error;
 
 /// Distance in cells between modules that touch each other in a drawing, so that their contact can be seen.
 const SPACING: i16 = 2;
-/// Largest number of modules, so that the cells of a drawing stay within 16 bits.
-pub const MODULES_MAX: usize = 10_000;
+/// Largest number of modules: a line of them in a drawing stays within [`Cell::LIMIT`].
+pub const MODULES_MAX: usize = (Cell::LIMIT / SPACING) as usize + 1;
 
 /// One end of a contact.
 type End = (ModuleId, Port);
@@ -113,7 +113,7 @@ impl ContactGraph {
     /// may be fewer contacts than asked for.
     ///
     /// # Errors
-    /// If there are none or too many modules.
+    /// If there are none or too many modules, or more than two with fewer than two ports each.
     pub fn random(modules: u64, degree: u64, ports: usize, seed: u64) -> Result<ContactGraph, GraphError> {
         let modules = counted(modules, 1)?;
         let mut rng = Rng::named(seed, "contacts", 0);
@@ -131,12 +131,15 @@ impl ContactGraph {
             false
         };
         for i in 1..modules {
-            // With two ports each, the last one always has a free one.
             let start = rng.below(i.into()) as u32;
             let mut others = (0..i).map(|offset| (start + offset) % i);
-            others.any(|other| connect(other, i, &mut degrees));
+            // With two ports each, one of a tree always has a free one.
+            if !others.any(|other| connect(other, i, &mut degrees)) {
+                return Err(GraphError::Ports(start, ports + 1, ports));
+            }
         }
-        let wanted = u64::from(modules) * degree / 2;
+        // No module has more contacts than ports.
+        let wanted = u64::from(modules) * degree.min(ports as u64) / 2;
         // Most pairs are free unless the graph is almost complete.
         let mut tries = 10 * wanted;
         let mut contacts = u64::from(modules.saturating_sub(1));
@@ -202,12 +205,17 @@ impl ContactGraph {
         &self.contacts
     }
 
+    /// Returns the modules at both ends of each contact.
+    pub fn pairs(&self) -> Vec<(ModuleId, ModuleId)> {
+        self.contacts.iter().map(|[(a, _), (b, _)]| (*a, *b)).collect()
+    }
+
     /// Returns the neighbours of each module.
     pub fn neighbours(&self) -> Vec<Vec<ModuleId>> {
         let mut neighbours = vec![Vec::new(); self.cells.len()];
-        for [(a, _), (b, _)] in &self.contacts {
-            neighbours[a.index()].push(*b);
-            neighbours[b.index()].push(*a);
+        for (a, b) in self.pairs() {
+            neighbours[a.index()].push(b);
+            neighbours[b.index()].push(a);
         }
         neighbours
     }
@@ -276,11 +284,34 @@ mod tests {
     /// Two modules in one cell could not be told apart in a drawing.
     #[test]
     fn modules_are_drawn_apart() {
-        for modules in (3..300).chain([5_000, 10_000]) {
+        for modules in (3..300).chain([5_000, MODULES_MAX as u64]) {
             let ring = ContactGraph::ring(modules).expect("there are enough");
             let cells: BTreeSet<Cell> = ring.cells().iter().copied().collect();
             assert_eq!(cells.len() as u64, modules);
         }
+    }
+
+    /// The cells of the largest graphs are such that messages can name them.
+    #[test]
+    fn the_largest_graphs_are_in_range() {
+        let most = MODULES_MAX as u64;
+        let line = ContactGraph::line(most).expect("it is not too long");
+        let grid = ContactGraph::grid([1, most, 1], true).expect("it is not too long");
+        let ring = ContactGraph::ring(most).expect("it is not too long");
+        assert!([line, grid, ring].iter().all(|graph| graph.cells().iter().all(|cell| cell.in_range())));
+        assert_eq!(ContactGraph::line(most + 1), Err(GraphError::Modules(most + 1, 1)));
+    }
+
+    /// However many contacts are asked for, there are at most as many as ports, and the work is bounded.
+    #[test]
+    fn degrees_are_bounded_by_the_ports() {
+        let graph = ContactGraph::random(30, u64::MAX, 4, 1).expect("30 are enough");
+        assert!(
+            degrees(&graph).iter().all(|degree| *degree <= 4) && graph.contacts().len() > 50,
+            "{graph:?}"
+        );
+        assert_eq!(ContactGraph::random(2, 1, 1, 1).map(|graph| graph.contacts().len()), Ok(1));
+        assert!(matches!(ContactGraph::random(3, 1, 1, 1), Err(GraphError::Ports(_, 2, 1))));
     }
 
     #[test]

@@ -55,29 +55,20 @@ impl Runnable for Cubes {
         director.progress()
     }
     fn account(&self, plan: &Plan, director: &Director, world: &CubeWorld) -> RunResult {
-        let (crashed, restarted) = director.monitor().crashed_and_restarted();
         let (motions, help) = (world.motions(), director.help(world));
         RunResult {
-            ended: director.monitor().outcome(),
-            progress: director.progress(),
-            crashed,
-            restarted,
-            stall: director.monitor().stall().cloned(),
-            standstills: director.monitor().standstills().clone(),
             snapshot: director
                 .monitor()
                 .stall()
                 .map(|_| CubeQuestion { now: director.snapshot(world), before: director.before().cloned() })
                 .map(|question| Box::new(question) as _),
-            struck: director.monitor().struck().to_vec(),
             prevented: director.prevented(),
             stages: (plan.stages.iter().zip(director.stages()).enumerate())
                 .map(|(i, (p, s))| StageReport { omitted: self.omitted(i) as u64, ..stage(&p.name, s) })
                 .collect(),
             bodies: MoveReport { called: help.called, led: help.led, ..move_report(&motions) },
             moves: motions.completed,
-            operator: None,
-            family_part: None,
+            ..RunResult::of(director.monitor(), director.progress())
         }
     }
     fn last_check(world: &mut CubeWorld, now: Time) -> (Vec<Violation>, u64) {

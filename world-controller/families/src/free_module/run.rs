@@ -49,7 +49,6 @@ impl Runnable for FreeModules {
         director.progress()
     }
     fn account(&self, plan: &Plan, director: &FreeModuleDirector, world: &FreeModuleWorld) -> RunResult {
-        let (crashed, restarted) = director.monitor().crashed_and_restarted();
         let (counts, p) = (world.counts(), director.plan_counts());
         let bodies = MoveReport {
             started: counts.started,
@@ -82,20 +81,12 @@ impl Runnable for FreeModules {
             },
         };
         RunResult {
-            ended: director.monitor().outcome(),
-            progress: director.progress(),
-            crashed,
-            restarted,
-            stall: director.monitor().stall().cloned(),
-            standstills: director.monitor().standstills().clone(),
-            snapshot: None,
-            struck: director.monitor().struck().to_vec(),
             prevented: director.prevented(),
             stages: plan.stages.iter().map(|plan| stage(&plan.name, &director.stage())).collect(),
             moves: counts.attached,
-            operator: None,
             family_part: Some(report::part(&report, &bodies)),
             bodies,
+            ..RunResult::of(director.monitor(), director.progress())
         }
     }
     fn last_check(world: &mut FreeModuleWorld, now: Time) -> (Vec<Violation>, u64) {

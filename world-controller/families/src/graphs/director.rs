@@ -41,7 +41,9 @@ pub struct GraphDirector<P: GraphProtocol> {
     reports: Vec<Option<P::Report>>,
     alive: Vec<bool>,
     reached: Vec<bool>,
-    /// True if `reached` is older than a report or a death.
+    /// The progress at the last look, since drivers ask after every event when to wake the director.
+    seen: Progress,
+    /// True if `reached` and `seen` are older than a report or a death.
     is_stale: bool,
     /// Processes that are to be killed and are not dead yet.
     dying: BTreeSet<ModuleId>,
@@ -68,6 +70,7 @@ impl<P: GraphProtocol> GraphDirector<P> {
             reports: vec![None; modules],
             alive: vec![false; modules],
             reached: vec![false; modules],
+            seen: Progress::default(),
             is_stale: false,
             dying: BTreeSet::new(),
             starting: BTreeSet::new(),
@@ -105,6 +108,7 @@ impl<P: GraphProtocol> GraphDirector<P> {
         if std::mem::take(&mut self.is_stale) {
             self.reached = P::reached(&self.setup, &self.reports);
             self.reached.resize(self.reports.len(), false);
+            self.seen = self.progress();
         }
     }
 
@@ -179,7 +183,7 @@ impl<P: GraphProtocol> DirectorPort<GraphWorld<P>> for GraphDirector<P> {
             self.change(now);
         }
         self.look();
-        let Progress { goal, filled, alive, .. } = self.progress();
+        let Progress { goal, filled, alive, .. } = self.seen;
         let is_planned = self.is_planned(now);
         if alive > 0 && filled == goal && !is_planned {
             return self.monitor.finish(now, Outcome::Built);
@@ -205,7 +209,7 @@ impl<P: GraphProtocol> DirectorPort<GraphWorld<P>> for GraphDirector<P> {
         if self.monitor.faults.is_pending() || self.is_changing() {
             return self.monitor.wake_at(Time::NEVER);
         }
-        let Progress { goal, filled, alive, .. } = self.progress();
+        let Progress { goal, filled, alive, .. } = self.seen;
         let is_over = alive == 0 || filled == goal;
         let patience = if is_over { Span::ZERO } else { self.monitor.stop.stall + Span::nanos(1) };
         self.monitor.wake_at(self.idle_since() + patience)

@@ -26,12 +26,10 @@ use metamorph_protocol::time::{Span, Time};
 use metamorph_protocol::wire::Never;
 use metamorph_report::message_timeline::MessageLabel;
 use metamorph_report::run_result::RunResult;
-use metamorph_report::schema::MoveReport;
 use metamorph_scenario::Plan;
 use metamorph_scenario::error::ScenarioError;
 use metamorph_scenario::family::{Swarm, SwarmPlan, Words};
 use metamorph_scene::visible::{ModuleView, Role};
-use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::kernel::graph_world::{AgentCheck, GraphWorld};
 use metamorph_sim_bridge::world::contact_graph::ContactGraph;
@@ -138,7 +136,7 @@ impl<P: GraphProtocol> SwarmPlan for GraphSwarm<P> {
         Swarm::new(self.clone())
     }
     fn contacts(&self) -> Option<Vec<(ModuleId, ModuleId)>> {
-        Some(self.graph.contacts().iter().map(|[(a, _), (b, _)]| (*a, *b)).collect())
+        Some(self.graph.pairs())
     }
     fn describe(&self, _: &Plan, out: &mut String) -> fmt::Result {
         use fmt::Write;
@@ -194,22 +192,9 @@ impl<P: GraphProtocol> Runnable for GraphSwarm<P> {
         director.progress()
     }
     fn account(&self, plan: &Plan, director: &GraphDirector<P>, _: &GraphWorld<P>) -> RunResult {
-        let (crashed, restarted) = director.monitor().crashed_and_restarted();
         RunResult {
-            ended: director.monitor().outcome(),
-            progress: director.progress(),
-            crashed,
-            restarted,
-            stall: director.monitor().stall().cloned(),
-            standstills: director.monitor().standstills().clone(),
-            snapshot: None,
-            struck: director.struck().to_vec(),
-            prevented: 0,
             stages: plan.stages.iter().map(|plan| stage(&plan.name, &director.stage())).collect(),
-            bodies: MoveReport::default(),
-            moves: 0,
-            operator: None,
-            family_part: None,
+            ..RunResult::of(director.monitor(), director.progress())
         }
     }
     fn last_check(_: &mut GraphWorld<P>, _: Time) -> (Vec<Violation>, u64) {
@@ -238,8 +223,8 @@ impl<P: GraphProtocol> FamilyParts for GraphFamily<P> {
     fn places(&self, swarm: &GraphSwarm<P>) -> Vec<Cell> {
         swarm.graph.cells().to_vec()
     }
-    fn drawn_contacts(&self, swarm: &GraphSwarm<P>) -> Vec<[ModuleId; 2]> {
-        swarm.graph.contacts().iter().map(|ends| ends.map(|(id, _)| id)).collect()
+    fn drawn_contacts(&self, swarm: &GraphSwarm<P>) -> Vec<(ModuleId, ModuleId)> {
+        swarm.graph.pairs()
     }
 }
 

@@ -131,11 +131,6 @@ impl<P: GraphProtocol> ScenarioFamily for GraphFamily<P> {
     ) -> Box<dyn RawSwarm> {
         let contacts = contacts::read(&mut swarm, diagnostics);
         swarm.finish(diagnostics);
-        if let Some(goals) = others.goals {
-            let reason = format!("the family `{}` has no [[goal]]", P::NAME);
-            let fix = "remove it; the protocol says when its modules have reached their goal".to_owned();
-            add_problem(goals.span(), reason, fix, diagnostics);
-        }
         let setup = setup::<P>(others, diagnostics).map(Arc::new);
         Box::new(RawGraph::<P> { contacts, setup })
     }

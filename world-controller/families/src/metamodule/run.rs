@@ -100,7 +100,6 @@ impl Runnable for Metamodules {
         director.progress()
     }
     fn account(&self, plan: &Plan, director: &MetamoduleDirector, world: &MetamoduleWorld) -> RunResult {
-        let (crashed, restarted) = director.monitor().crashed_and_restarted();
         let (action_counts, progress) = (world.action_counts(), director.progress());
         // A goal that was given up is the one that was not built.
         let task = Task { is_dropped: false, ..director.task() };
@@ -126,12 +125,6 @@ impl Runnable for Metamodules {
             led: if director.plan_counts().is_some() { action_counts.moves } else { 0 },
         };
         RunResult {
-            ended: director.monitor().outcome(),
-            progress,
-            crashed,
-            restarted,
-            stall: director.monitor().stall().cloned(),
-            standstills: director.monitor().standstills().clone(),
             // The search knows no elements: while one is left, it cannot say what could still be built.
             snapshot: director
                 .monitor()
@@ -142,7 +135,6 @@ impl Runnable for Metamodules {
                     before: director.before().cloned(),
                 })
                 .map(|question| Box::new(question) as _),
-            struck: director.monitor().struck().to_vec(),
             prevented: director.prevented(),
             stages: plan.stages.iter().zip(director.stages()).map(|(p, s)| stage(&p.name, s)).collect(),
             moves: action_counts.moves,
@@ -179,6 +171,7 @@ impl Runnable for Metamodules {
                     director.monitor().outcome().map_or(operator.seen(), |(at, _)| at),
                 )
             }),
+            ..RunResult::of(director.monitor(), progress)
         }
     }
     fn last_check(world: &mut MetamoduleWorld, now: Time) -> (Vec<Violation>, u64) {

@@ -28,7 +28,7 @@ pub struct Subject<'a> {
     /// The floor; `None` if bodies stand on each other.
     pub floor: Option<Floor>,
     /// Contacts that do not follow from the places of bodies.
-    pub contacts: Vec<[ModuleId; 2]>,
+    pub contacts: Vec<(ModuleId, ModuleId)>,
 }
 
 /// Properties that all pictures of a figure share, so that an animation stays still.

@@ -77,7 +77,7 @@ impl Subject<'_> {
             Some(Link { kind, from: *drawn.get(&from)?, to: *drawn.get(&to)? })
         };
         let mut links = Vec::new();
-        links.extend(self.contacts.iter().filter_map(|[a, b]| link(LinkKind::Contact, *a, *b)));
+        links.extend(self.contacts.iter().filter_map(|(a, b)| link(LinkKind::Contact, *a, *b)));
         if wanted(Links::Contacts) && self.contacts.is_empty() {
             links.extend(
                 contacts(snapshot, &drawn).into_iter().filter_map(|[a, b]| link(LinkKind::Contact, a, b)),

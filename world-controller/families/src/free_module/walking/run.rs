@@ -7,7 +7,6 @@ use metamorph_free_modules::gait::tuner::OnlineTuner;
 use metamorph_protocol::free_module::gait::WalkSetup;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_report::run_result::RunResult;
-use metamorph_report::schema::MoveReport;
 use metamorph_scenario::Plan;
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::free_module::physics::{Physics, TICK};
@@ -71,7 +70,6 @@ impl Runnable for Walk {
         director.progress()
     }
     fn account(&self, plan: &Plan, director: &WalkDirector, world: &World) -> RunResult {
-        let (crashed, restarted) = director.monitor().crashed_and_restarted();
         let (time, distance_mm, path_mm) = director.walked();
         let report = WalkReport {
             body: super::BODY.to_owned(),
@@ -87,20 +85,10 @@ impl Runnable for Walk {
             situations: director.situations().iter().map(situation).collect(),
         };
         RunResult {
-            ended: director.monitor().outcome(),
-            progress: director.progress(),
-            crashed,
-            restarted,
-            stall: director.monitor().stall().cloned(),
-            standstills: director.monitor().standstills().clone(),
-            snapshot: None,
-            struck: director.monitor().struck().to_vec(),
-            prevented: 0,
             stages: plan.stages.iter().map(|plan| stage(&plan.name, &director.stage())).collect(),
             moves: director.gaits(),
-            operator: None,
             family_part: Some(report::part(&report)),
-            bodies: MoveReport::default(),
+            ..RunResult::of(director.monitor(), director.progress())
         }
     }
     fn last_check(world: &mut World, now: Time) -> (Vec<Violation>, u64) {

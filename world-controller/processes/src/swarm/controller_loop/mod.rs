@@ -232,7 +232,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
                     let outside = outside.filter(|signal| signals::is_from_outside(*signal));
                     let is_ours = process.is_some();
                     if let Some(signal) = outside {
-                        self.killed(agent, signal, how, stderr_tail);
+                        self.killed(agent, signal, how);
                         continue;
                     }
                     if of_machine && is_running {
@@ -246,9 +246,9 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
     }
 
     /// Takes note that an agent of this run was killed from outside, and has ended.
-    fn killed(&mut self, agent: AgentKey, signal: i32, how: String, stderr_tail: String) {
+    fn killed(&mut self, agent: AgentKey, signal: i32, how: String) {
         self.external(agent, &Outside::Killed { signal: signals::name(signal) });
-        self.ended(agent, how, stderr_tail, false);
+        self.ended(agent, how, String::new(), false);
     }
 
     /// Reports an intervention in a process from outside this run.

@@ -117,7 +117,7 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         // The run knows of them only now.
         for (agent, signal, how) in std::mem::take(&mut self.killed_early) {
             self.processes[agent.0.index()].stage = Stage::Running;
-            self.killed(agent, signal, how, String::new());
+            self.killed(agent, signal, how);
         }
         self.flush();
         Ok(())
