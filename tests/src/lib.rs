@@ -22,6 +22,7 @@ pub mod hosts;
 pub mod journal_file;
 pub mod json_schema;
 pub mod metamodules;
+pub mod network;
 pub mod page;
 pub mod probe;
 pub mod required;

@@ -20,10 +20,25 @@ pub enum Check {
     Python,
     /// Runs with a disk or shared memory of a small size, which are mounts in a namespace.
     Mounts,
+    /// Hosts in network namespaces.
+    Namespaces,
+    /// Jobs of SLURM, which is started on this machine.
+    Slurm,
+    /// Sweeps by Dask, from Python.
+    Dask,
 }
 
 impl Check {
-    const ALL: [Check; 5] = [Check::Deny, Check::Browser, Check::Npm, Check::Python, Check::Mounts];
+    const ALL: [Check; 8] = [
+        Check::Deny,
+        Check::Browser,
+        Check::Npm,
+        Check::Python,
+        Check::Mounts,
+        Check::Namespaces,
+        Check::Slurm,
+        Check::Dask,
+    ];
 }
 
 impl Display for Check {
@@ -34,6 +49,9 @@ impl Display for Check {
             Check::Npm => "npm",
             Check::Python => "python",
             Check::Mounts => "mounts",
+            Check::Namespaces => "namespaces",
+            Check::Slurm => "slurm",
+            Check::Dask => "dask",
         })
     }
 }
@@ -49,6 +67,16 @@ pub fn skip(check: Check, why: &str) {
         Ok(true) => panic!("{why}, and {VARIABLE}={required} does not let `{check}` be skipped"),
         Err(unknown) => panic!("{VARIABLE}={required}: there is no check `{unknown}`"),
     }
+}
+
+/// True if the environment requires a check. For those that are not made just because their tools are there.
+///
+/// # Panics
+/// If the environment names one that does not exist.
+pub fn is_required(check: Check) -> bool {
+    let required = std::env::var(VARIABLE).unwrap_or_default();
+    requires(&required, check)
+        .unwrap_or_else(|unknown| panic!("{VARIABLE}={required}: there is no check `{unknown}`"))
 }
 
 /// Returns whether a list of checks has this one; the error is a word that is none.

@@ -142,16 +142,16 @@ fn strike(fault: Fault, seed: u64) -> Result<String, String> {
     let mut said = "lost".to_owned();
     if fault != Fault::ControllerLost {
         let report = report(&fs::read_to_string(&out).map_err(|e| format!("no report: {e}"))?);
-        let lost = report.faults.iter().filter(|fault| fault.fault == "external").count();
+        let lost = report.faults.iter().filter(|fault| fault.fault == "lost").count();
         said = format!("{} with {} of 42 alive", report.outcome, report.agents.alive);
         if report.invariants.broken > 0 {
             return Err(format!("{said}: {:?}", report.invariants));
         }
-        if report.notes.iter().any(|note| note.contains("messages")) {
+        if report.notes.iter().any(|note| note.contains("messages are missing")) {
             return Err(format!("{said}: {:?}", report.notes));
         }
         if (lost == 0) != fault.spares_h2() {
-            return Err(format!("{said}: {lost} modules were lost"));
+            return Err(format!("{said}: {lost} hosts were lost"));
         }
         let replayed = run(&["replay", &journal, "--quiet"]);
         if replayed.code != Some(0) {

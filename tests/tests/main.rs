@@ -21,6 +21,7 @@ mod help;
 mod hostile;
 mod hosts;
 mod hosts_conformance;
+mod hosts_network;
 mod hosts_twin;
 mod ipc_chaos;
 mod ipc_conformance;

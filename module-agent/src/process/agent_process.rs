@@ -228,6 +228,7 @@ impl<A: Agent, T: Transport, C: ClockSource> AgentProcess<A, T, C> {
             ControllerState::Alive => Ok(()),
             ControllerState::Missing => self.follow_controller(),
             ControllerState::Gone => Err(AgentError::Orphan(watch.controller())),
+            ControllerState::Frozen => Err(AgentError::Frozen(watch.controller())),
         }
     }
 

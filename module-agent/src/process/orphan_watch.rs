@@ -4,6 +4,7 @@
 
 use crate::run_dir::controller_lease::{ControllerLease, is_resumable};
 use crate::run_dir::identity::Guard;
+use crate::run_dir::share_lease;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -22,6 +23,8 @@ pub enum ControllerState {
     Missing,
     /// It is gone permanently.
     Gone,
+    /// It is a daemon that has not run for so long that its agents may count as dead.
+    Frozen,
 }
 
 /// Watches the controller from within one agent process.
@@ -61,7 +64,8 @@ impl OrphanWatch {
         }
         self.checked = now;
         if !self.guard.controller_is_gone() {
-            return ControllerState::Alive;
+            let is_frozen = share_lease::has_ended(&self.root, now);
+            return if is_frozen { ControllerState::Frozen } else { ControllerState::Alive };
         }
         let since = *self.orphaned.get_or_insert(now);
         // A run that has not begun cannot be resumed.

@@ -63,6 +63,9 @@ pub enum AgentError {
     /// The controller is gone.
     #[error("the controller (process {0}) is gone; an agent does not go on without it")]
     Orphan(i32),
+    /// The daemon has not run for longer than the fence of its host.
+    #[error("the daemon (process {0}) has not run for so long that this agent may count as dead")]
+    Frozen(i32),
     /// No link to a neighbour can be opened.
     #[error("cannot reach module {peer}, a neighbour: {cause}; {reason}", reason = LACK)]
     Silenced {
@@ -77,10 +80,11 @@ pub enum AgentError {
 }
 
 impl AgentError {
-    /// Returns the exit code of the process: [`EXIT_OF_MACHINE`], or 1 if its controller is gone or has started it wrongly.
+    /// Returns the exit code of the process: [`EXIT_OF_MACHINE`], or 1 if its controller is gone, is frozen, or has
+    /// started it wrongly.
     pub fn exit_code(&self) -> u8 {
         match self {
-            AgentError::Orphan(_) | AgentError::NoSuchModule(..) => 1,
+            AgentError::Orphan(_) | AgentError::Frozen(_) | AgentError::NoSuchModule(..) => 1,
             _ => EXIT_OF_MACHINE,
         }
     }

@@ -8,7 +8,7 @@
 use crate::agent::Summary;
 use crate::counters::Class;
 use crate::counters::Tally;
-use crate::ids::{Incarnation, ModuleId, Port, Revision, Session};
+use crate::ids::{HostId, Incarnation, ModuleId, Port, Revision, Session};
 use crate::lattice::Cell;
 use crate::runtime::{Command, Sensed};
 use crate::time::Time;
@@ -167,9 +167,9 @@ pub enum Event {
     /// Driver: the records of one owner end here although the owner continued, because its file was torn or its disk
     /// was full. Its later events are missing, and what follows from them cannot be checked.
     Torn,
-    /// Director, input: a process was killed, stopped or continued from outside the run.
+    /// Director, input: a process was killed, stopped or continued from outside the run, or a host was lost.
     External {
-        /// The module.
+        /// The module; the first one that is lost with a host.
         id: ModuleId,
         /// The event.
         what: Outside,
@@ -192,7 +192,7 @@ pub enum Event {
     },
 }
 
-/// An event of a process that comes from outside its run, such as by `kill`.
+/// An event of a process, or of all processes of a host, that comes from outside its run, such as by `kill`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Outside {
     /// Killed.
@@ -207,6 +207,15 @@ pub enum Outside {
     },
     /// Continued after a stop from outside.
     Continued,
+    /// Lost with all others of its host.
+    HostLost {
+        /// The host.
+        host: HostId,
+        /// Number of modules that are lost with it.
+        modules: u32,
+        /// Why it counts as lost, in words.
+        why: String,
+    },
 }
 
 impl fmt::Display for Outside {
@@ -215,6 +224,10 @@ impl fmt::Display for Outside {
             Outside::Killed { signal } => write!(f, "killed by {signal} from outside"),
             Outside::Stopped { signal } => write!(f, "stopped by {signal} from outside"),
             Outside::Continued => f.write_str("continued by SIGCONT from outside"),
+            Outside::HostLost { host, modules, why } => {
+                let plural = if *modules == 1 { "" } else { "s" };
+                write!(f, "{host} with {modules} module{plural}: {why}")
+            }
         }
     }
 }

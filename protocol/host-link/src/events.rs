@@ -72,6 +72,11 @@ pub enum Refused {
     /// It is from or for a life that is not, or no longer, part of the link.
     #[error("the packet is from or for an earlier life of a host")]
     OtherLife,
+    /// The link has ended: the other host counts as dead, this one has to stop, or one of them has said goodbye.
+    #[error(
+        "the packet is of a host whose link has ended: it was silent for too long, or one of the two has said goodbye"
+    )]
+    Ended,
     /// The hosts do not run the same program on the same swarm.
     #[error("the hosts do not agree: {0}")]
     Terms(&'static str),

@@ -462,7 +462,7 @@ impl<P: Prover> HostLink<P> {
         let trusts = self.config.defect == Some(HostLinkDefect::TrustAnyLife);
         let session = self.session.as_mut().filter(|s| s.life == life || trusts).ok_or(Refused::OtherLife)?;
         if !session.is_open() {
-            return Err(Refused::OtherLife);
+            return Err(Refused::Ended);
         }
         let weight = content.weight();
         match content {

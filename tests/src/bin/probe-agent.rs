@@ -32,15 +32,10 @@ fn try_main() -> Result<(), Box<dyn Error>> {
         let agents = |_: &str| Some((std::env::current_exe().ok()?, Vec::new()));
         let address = Address::unix(Path::new(socket))?;
         let (identity, most, shutdown) = (None, MODULE_LIMIT as u32, Shutdown::new());
-        return Ok(daemon(&DaemonOptions {
-            build: 0,
-            address,
-            identity,
-            most,
-            once: true,
-            agents,
-            shutdown,
-        })?);
+        return Ok(daemon(
+            &DaemonOptions { build: 0, address, identity, most, once: true, agents, shutdown },
+            || (),
+        )?);
     }
     Ok(run::<Probe>(&AgentArgs::parse(std::env::args_os().skip(1))?)?)
 }

@@ -129,17 +129,19 @@ pub fn host(args: HostArgs, interrupt: &Interrupt) -> Result<u8, Failure> {
     let shutdown = Shutdown::new();
     interrupt.begin();
     interrupt.pass_on(&shutdown);
-    if !args.once {
-        let shown = match &address {
-            Address::Unix(path) => path.display().to_string(),
-            Address::Net { .. } => address.to_string(),
-        };
-        print_error(&format!("listening on {shown}; Ctrl-C ends it"));
-    }
+    let shown = match &address {
+        Address::Unix(path) => path.display().to_string(),
+        Address::Net { .. } => address.to_string(),
+    };
     let identity = args.name.zip(args.keys);
     // Invariant: the room is at most what was asked for.
     let (once, most) = (args.once, room_of_daemon(u64::from(args.most)) as u32);
-    daemon(&DaemonOptions { build: build(), address, identity, most, once, agents, shutdown })?;
+    let ready = || {
+        if !once {
+            print_error(&format!("listening on {shown}; Ctrl-C ends it"));
+        }
+    };
+    daemon(&DaemonOptions { build: build(), address, identity, most, once, agents, shutdown }, ready)?;
     Ok(0)
 }
 

@@ -1,18 +1,28 @@
-//! The log on standard error: which of its lines are shown.
+//! The log on standard error: which of its lines are shown, and how many a second about connections, since anyone who reaches a
+//! daemon's address can cause those.
 
-use metamorph_console::terminal::has_color;
+use metamorph_console::stopwatch::Stopwatch;
+use metamorph_console::terminal::{has_color, print_error};
 use metamorph_text::command_error::{BAD_USAGE, CommandError};
 use metamorph_text::escape::Shown;
 use std::ffi::OsStr;
 use std::io::IsTerminal;
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
 use thiserror::Error;
-use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::Layer;
+use tracing_subscriber::filter::{LevelFilter, Targets, dynamic_filter_fn};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{fmt, registry};
 
 /// Name of the environment variable with filters.
 const VARIABLE: &str = "METAMORPH_LOG";
+
+/// Largest number of lines about connections in a second.
+const LINES_MAX: u32 = 50;
+/// Time in which lines are counted.
+const SECOND: Duration = Duration::from_secs(1);
 
 /// A filter cannot be read.
 #[derive(Debug, PartialEq, Eq, Error)]
@@ -41,10 +51,46 @@ pub fn to_stderr(verbose: u8) -> Result<(), WrongFilter> {
         None => default(verbose),
     };
     let ansi = has_color(std::io::stderr().is_terminal());
+    let flood = Mutex::new(Flood::default());
     let lines = fmt::layer().with_writer(std::io::stderr).with_ansi(ansi);
+    let lines = lines.with_filter(dynamic_filter_fn(move |line, _| {
+        if !is_of_connections(line.target()) {
+            return true;
+        }
+        let (is_shown, left_out) = flood.lock().unwrap_or_else(PoisonError::into_inner).next();
+        if left_out > 0 {
+            print_error(&format!("{left_out} further lines about connections were left out"));
+        }
+        is_shown
+    }));
     // Fails only if a subscriber is already installed.
     let _ = registry().with(lines).with(targets).try_init();
     Ok(())
+}
+
+/// True if a line is about a connection that anyone may open.
+fn is_of_connections(target: &str) -> bool {
+    target.starts_with("zenoh") || target.ends_with("::hosts::gate")
+}
+
+/// The lines about connections in the present second.
+#[derive(Debug, Default)]
+struct Flood {
+    second: Option<Stopwatch>,
+    lines: u32,
+}
+
+impl Flood {
+    /// Counts a line. Returns true if it is shown, and how many were left out in a second that is over.
+    fn next(&mut self) -> (bool, u32) {
+        let mut left_out = 0;
+        if self.second.is_none_or(|second| second.elapsed() >= SECOND) {
+            left_out = self.lines.saturating_sub(LINES_MAX);
+            (self.second, self.lines) = (Some(Stopwatch::start()), 0);
+        }
+        self.lines = self.lines.saturating_add(1);
+        (self.lines <= LINES_MAX, left_out)
+    }
 }
 
 /// Returns the filters without any of the environment. zenoh reports as errors the usual end of a session; of interest is
@@ -111,6 +157,17 @@ mod tests {
         assert_eq!(shown(" INFO, a::b=4,a=off,", "a::c"), LevelFilter::OFF);
         assert_eq!(shown("INFO,a=off", "b"), LevelFilter::INFO);
         assert_eq!(shown("", "b"), LevelFilter::ERROR);
+    }
+
+    #[test]
+    fn lines_about_connections_are_limited_and_counted() {
+        let mut flood = Flood::default();
+        let shown = (0..1_000).filter(|_| flood.next().0).count();
+        assert!(shown >= LINES_MAX as usize);
+        // In a second that is over all lines are known.
+        let mut flood = Flood { second: None, lines: LINES_MAX + 7 };
+        assert_eq!((flood.next(), flood.next()), ((true, 7), (true, 0)));
+        assert!(is_of_connections("zenoh_link_tls::unicast") && !is_of_connections("metamorph_cli::host"));
     }
 
     #[test]

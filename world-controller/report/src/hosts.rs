@@ -2,6 +2,7 @@
 
 use metamorph_core::ids::HostId;
 use metamorph_core::link::Hosts;
+use metamorph_kernel::director::faults::{Fault, FaultRecord};
 use metamorph_kernel::kernel::sim::{Crossed, Crossings};
 use metamorph_scenario::Plan;
 use metamorph_text::format::{bytes, count, many, whole_percent};
@@ -28,6 +29,12 @@ pub struct HostReport {
     pub modules: u64,
     /// How far its clock is ahead of the controller's; negative if it is behind.
     pub clock_s: f64,
+    /// Time at which it was lost with all its processes; null if it was not.
+    #[serde(default)]
+    pub lost_s: Option<f64>,
+    /// Why it counts as lost; null if it does not.
+    #[serde(default)]
+    pub lost_why: Option<String>,
 }
 
 /// What crossed from one host to another.
@@ -62,13 +69,13 @@ pub struct CrossedCounts {
 }
 
 impl HostsReport {
-    /// Creates the report of a run; `None` if there was one host only.
-    pub fn of(plan: &Plan, crossings: &Crossings) -> Option<HostsReport> {
+    /// Creates the report of a run with the faults that struck; `None` if there was one host only.
+    pub fn of(plan: &Plan, struck: &[FaultRecord], crossings: &Crossings) -> Option<HostsReport> {
         let hosts = plan.link.hosts.as_deref()?;
         // Invariant: there are fewer than 2^16 hosts.
         let all = (0..hosts.len() as u16).map(HostId);
         Some(HostsReport {
-            hosts: all.map(|host| self::host(hosts, host)).collect(),
+            hosts: all.map(|host| self::host(hosts, struck, host)).collect(),
             crossed: crossings.iter().map(|(pair, crossed)| self::crossed(*pair, crossed)).collect(),
         })
     }
@@ -90,11 +97,15 @@ impl HostsReport {
     }
 }
 
-fn host(hosts: &Hosts, host: HostId) -> HostReport {
+fn host(hosts: &Hosts, struck: &[FaultRecord], host: HostId) -> HostReport {
+    let lost = struck.iter().find(|record| record.fault == Fault::HostLost(host));
+    let why = lost.and_then(|record| record.effect.split_once(": "));
     HostReport {
         name: host.to_string(),
         modules: hosts.modules(host).count() as u64,
         clock_s: hosts.clock(host).0 as f64 / 1e9,
+        lost_s: lost.map(|record| record.at.as_secs_f64()),
+        lost_why: why.map(|(_, why)| why.to_owned()),
     }
 }
 

@@ -172,7 +172,7 @@ fn write_faults(out: &mut String, r: &Report, paint: Paint) -> std::fmt::Result 
     if r.faults.is_empty() && r.faults_planned == 0 {
         return Ok(());
     }
-    let external = r.faults.iter().filter(|f| f.fault == EXTERNAL).count() as u64;
+    let external = r.faults.iter().filter(|f| f.by == EXTERNAL).count() as u64;
     let commands = r.faults.iter().filter(|f| commanded(f).is_some()).count() as u64;
     let also = |n: u64, what: &str| if n > 0 { format!(", {} {what}", count(n)) } else { String::new() };
     writeln!(out)?;

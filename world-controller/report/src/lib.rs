@@ -159,7 +159,7 @@ pub fn report(facts: &Facts<'_>) -> Report {
             schema::ControllerReport { orders, reports, bytes, lost }
         }),
         operator: account.operator.clone(),
-        hosts: HostsReport::of(plan, &facts.crossings),
+        hosts: HostsReport::of(plan, &facts.account.struck, &facts.crossings),
         time: Times {
             virtual_s: facts.now.as_secs_f64(),
             move_times: facts.now.0 as f64 / facts.time_step.0 as f64,
@@ -266,8 +266,9 @@ fn messages(tally: &Tally, left: Option<&[u64; Class::ALL.len()]>, latencies: &L
         overflowed: c.overflowed,
         expired: c.expired,
         refused: c.refused,
-        in_flight: c.in_flight(),
-        uncounted: left.map_or(0, |left| c.in_flight() - left as i64),
+        // Without the counts of a lost host more may have arrived than is known to have been sent.
+        in_flight: c.in_flight().max(0),
+        uncounted: left.map_or(0, |left| (c.in_flight() - left as i64).max(0)),
         bytes: c.bytes,
     };
     let total = tally.total();

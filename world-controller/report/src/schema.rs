@@ -481,8 +481,8 @@ pub struct FaultReport {
     /// Time at which it struck.
     pub at_s: f64,
     /// The name of the fault or command, its first word: `kill`, `pause`, `resume`, `restart`, `stick`, `unstick`, one of the
-    /// family's world such as `block`, `drop` or `goal.move`, `hold` and the like; `partition` and its end, `heal`; or `external`:
-    /// a process killed, stopped or continued by something outside the run.
+    /// family's world such as `block`, `drop` or `goal.move`, `hold` and the like; `partition` and its end, `heal`; `external`:
+    /// a process killed, stopped or continued by something outside the run; or `lost`: a host, with all its processes.
     pub fault: String,
     /// The module; null if it hit a cell or links.
     pub module: Option<u32>,
@@ -490,7 +490,7 @@ pub struct FaultReport {
     #[serde(default)]
     pub by: String,
     /// The state of the module when it struck; for `external` also what was done, for `partition` the modules
-    /// cut off.
+    /// cut off, for `lost` the host and why it counts as lost.
     pub effect: String,
 }
 

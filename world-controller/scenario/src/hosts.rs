@@ -67,6 +67,8 @@ pub enum HostsProblem {
         skew: Span,
         /// The maximum.
         most: Span,
+        /// The largest `time_scale` that works, in thousandths, if `clock_error` leaves one.
+        scale: Option<u64>,
     },
 }
 
@@ -84,8 +86,14 @@ impl HostsProblem {
             }
             HostsProblem::Clocks { hosts, .. } => format!("write {hosts} times"),
             HostsProblem::Reference => "write `0s` as the first time".into(),
-            HostsProblem::Skew { .. } => {
-                "write smaller differences, make moves longer, or lower `time_scale`".into()
+            HostsProblem::Skew { scale: Some(thousandths), .. } => {
+                let scale = *thousandths as f64 / 1_000.0;
+                format!(
+                    "lower `time_scale` to {scale} or less, make moves longer, or write a smaller `clock_error`"
+                )
+            }
+            HostsProblem::Skew { scale: None, .. } => {
+                "write smaller differences, or make moves longer".into()
             }
         }
     }
@@ -253,13 +261,22 @@ impl RawHosts {
         self.skew() + self.uncertainty(speed)
     }
 
+    /// Returns the largest speed, in thousandths, at which clocks of several machines differ by at most `most`.
+    fn largest_scale(&self, most: Span) -> Option<u64> {
+        let room = most.0.checked_sub(self.skew().0)?;
+        let per_speed = (self.clock_error.as_ref()?.value.min(LONGEST) + READING).0 * 2;
+        let thousandths = u64::try_from(u128::from(room) * 1_000 / u128::from(per_speed)).ok()?;
+        (room >= LEAST_SKEW.0 && thousandths > 0).then_some(thousandths)
+    }
+
     /// Checks that actions can start in time although clocks differ; `start_within` is the time they have otherwise.
     pub fn check_skew(&self, speed: f64, start_within: Span, diagnostics: &mut Diagnostics) {
         let (skew, most) = (self.borne(speed), start_within / 4);
         let place = self.skew.as_ref().map(|skew| &skew.place);
         let place = place.or(self.clock_error.as_ref().map(|error| &error.place));
         if let Some(place) = place.filter(|_| skew > most) {
-            diagnostics.add(place.clone(), HostsProblem::Skew { skew, most });
+            let scale = self.largest_scale(most);
+            diagnostics.add(place.clone(), HostsProblem::Skew { skew, most, scale });
         }
     }
 

@@ -158,7 +158,8 @@ impl FaultInjector {
             | Fault::Unstick(_)
             | Fault::Steer(..)
             | Fault::World(..)
-            | Fault::External(_) => {}
+            | Fault::External(_)
+            | Fault::HostLost(_) => {}
         }
     }
     /// Changes the links, and schedules the end of that. The end of an earlier change of the kind no longer counts.
@@ -179,10 +180,14 @@ impl FaultInjector {
         }
         commands.push_back(Command::Links(self.links));
     }
-    /// Notes that a process was killed, stopped or continued from outside; `found` describes its state.
+    /// Notes that a process was killed, stopped or continued from outside, or that its host was lost; `found` describes the
+    /// state of the process.
     pub fn external(&mut self, now: Time, id: ModuleId, what: &Outside, found: &str) {
-        let effect = format!("{what}; {found}");
-        self.struck.push(FaultRecord { at: now, fault: Fault::External(id), by: Origin::External, effect });
+        let (fault, effect) = match what {
+            Outside::HostLost { host, .. } => (Fault::HostLost(*host), what.to_string()),
+            what => (Fault::External(id), format!("{what}; {found}")),
+        };
+        self.struck.push(FaultRecord { at: now, fault, by: Origin::External, effect });
     }
     /// Notes that a process has ended.
     pub fn died(&mut self, id: ModuleId) {

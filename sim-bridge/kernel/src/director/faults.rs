@@ -3,7 +3,7 @@
 
 use crate::director::link_faults::LinkFault;
 use crate::director::steering::{LONGEST_LEASE, Steering, read_cell, read_shift};
-use metamorph_core::ids::ModuleId;
+use metamorph_core::ids::{HostId, ModuleId};
 use metamorph_core::lattice::Cell;
 use metamorph_core::time::Time;
 use std::fmt;
@@ -108,6 +108,8 @@ pub enum Fault {
     World(&'static WorldFault, Target),
     /// A process was killed, stopped or continued from outside the run; no schedule contains this.
     External(ModuleId),
+    /// A host was lost with all its processes; no schedule contains this.
+    HostLost(HostId),
 }
 
 impl Fault {
@@ -122,7 +124,7 @@ impl Fault {
             | Fault::Unstick(id)
             | Fault::Steer(id, _)
             | Fault::External(id) => id,
-            Fault::World(..) | Fault::Links(_) => return None,
+            Fault::World(..) | Fault::Links(_) | Fault::HostLost(_) => return None,
         })
     }
     /// Returns all modules that it names: at most two.
@@ -235,6 +237,7 @@ impl fmt::Display for Fault {
             Fault::World(kind, target) => write!(f, "{} {target}", kind.name),
             Fault::Links(fault) => write!(f, "{} {fault}", fault.verb()),
             Fault::External(id) => write!(f, "external {id}"),
+            Fault::HostLost(host) => write!(f, "lost {host}"),
         }
     }
 }

@@ -234,7 +234,7 @@ fn with_modules(fault: Fault, other: impl Fn(ModuleId) -> Option<ModuleId>) -> O
         Fault::Steer(id, Steering::Swap(with)) => Fault::Steer(other(id)?, Steering::Swap(other(with)?)),
         Fault::Steer(id, steering) => Fault::Steer(other(id)?, steering),
         Fault::External(id) => Fault::External(other(id)?),
-        Fault::Links(_) | Fault::World(..) => fault,
+        Fault::Links(_) | Fault::World(..) | Fault::HostLost(_) => fault,
     })
 }
 

@@ -337,6 +337,14 @@ fn notes(outcome: &SwarmOutcome) -> Vec<String> {
     notes.extend(
         outcome.missing_counters.iter().map(|why| format!("messages are missing from the counts: {why}")),
     );
+    let left = outcome.left.iter().sum::<u64>() as i64;
+    let uncounted = u64::try_from(outcome.tally.total().in_flight() - left).unwrap_or(0);
+    if uncounted > 0 {
+        notes.push(format!(
+            "{} without a known fate: under way to or from processes or hosts that ended, or on links that were given up",
+            many(uncounted, "message")
+        ));
+    }
     if outcome.foreign > 0 {
         let frames = many(outcome.foreign, "frame");
         notes.push(format!("refused {frames} from outside the run"));

@@ -32,6 +32,15 @@ pub enum Event {
         /// The end of its standard error.
         stderr_tail: String,
     },
+    /// A host is lost, and all its agents have ended.
+    HostLost {
+        /// The host.
+        host: HostId,
+        /// Why it counts as lost, in words.
+        why: String,
+        /// Its agents.
+        agents: Vec<AgentKey>,
+    },
     /// An agent was stopped by a signal that this controller did not send.
     Stopped(AgentKey, i32),
     /// An agent was continued after such a stop by a signal that this controller did not send.
@@ -67,6 +76,19 @@ pub trait Launcher {
     /// # Errors
     /// If the launcher itself has failed.
     fn event(&mut self) -> Result<Option<Event>, SwarmError>;
+
+    /// Returns the longest delay after which a host hears of a new slice of time (ns of real time).
+    fn longest_delay(&self) -> u64 {
+        0
+    }
+
+    /// Waits until all hosts can follow the clock of the run, before it begins.
+    ///
+    /// # Errors
+    /// If one cannot.
+    fn await_clocks(&mut self) -> Result<(), SwarmError> {
+        Ok(())
+    }
 
     /// Waits until no frame between hosts is under way, after all agents have ended, and returns what the hosts
     /// themselves have counted; `None` if there is one host only.

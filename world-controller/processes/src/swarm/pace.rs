@@ -7,6 +7,8 @@
 //! run, time passes more slowly, in proportion; without lateness, it slowly speeds up again. Messages sent
 //! and wake-ups due before time was last slowed say nothing about the new speed and are not judged.
 //!
+//! A host far away hears of a slice late, so slices are longer than that delay: the next one arrives before the one before ends.
+//!
 //! An agent that is stopped or hangs takes no input, so it is not late and does not slow the run. A
 //! controller that is late itself promises no time, which stands still until the controller continues.
 
@@ -21,8 +23,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-/// Length of one slice of promised time (ns of real time).
+/// Shortest length of one slice of promised time (ns of real time).
 const SLICE: u64 = 25_000_000;
+/// Longest length of one slice (ns of real time), for hosts far away.
+const SLICE_MAX: u64 = 1_000_000_000;
+/// Time by which a slice is longer than one and a half times the delay (ns of real time).
+const SLICE_SPARE: u64 = 10_000_000;
 /// The number that stands for full speed; lower speeds are given in parts of it.
 pub const FULL: u32 = 1_000_000;
 /// The lowest speed that lateness can cause: a thousandth.
@@ -52,8 +58,10 @@ pub struct Pace<C> {
     below: u64,
     /// The lowest speed of a slice that has begun, in parts of [`FULL`].
     lowest: u32,
-    /// The speed of the slice promised last, in parts of [`FULL`].
-    promised: u32,
+    /// The speed of the slice promised last, in parts of [`FULL`], and its length (ns of real time).
+    promised: (u32, u64),
+    /// Length of the slices to come (ns of real time).
+    slice: u64,
 }
 
 impl<C: ClockSource> Pace<C> {
@@ -75,7 +83,8 @@ impl<C: ClockSource> Pace<C> {
             begun: None,
             below: 0,
             lowest: FULL,
-            promised: FULL,
+            promised: (FULL, SLICE),
+            slice: SLICE,
         })
     }
 
@@ -95,6 +104,11 @@ impl<C: ClockSource> Pace<C> {
         let monotonic = self.monotonic();
         let renewal = Duration::from_nanos(self.page.renewal().saturating_sub(monotonic));
         wait(&self.page, self.full, monotonic, time).min(renewal)
+    }
+
+    /// Makes slices long enough for hosts that hear of them after at most `delay` nanoseconds: with half of that to spare.
+    pub fn stretch(&mut self, delay: u64) {
+        self.slice = delay.saturating_add(delay / 2 + SLICE_SPARE).clamp(SLICE, SLICE_MAX);
     }
 
     /// Notes an input or a wake-up that was late.
@@ -124,12 +138,13 @@ impl<C: ClockSource> Pace<C> {
         // Time stood still from the end of the last slice.
         let lapsed = self.begun.map_or(0, |_| monotonic.saturating_sub(self.page.until()));
         // The slice that was promised last begins now.
-        self.below += lapsed + if self.promised < FULL { SLICE } else { 0 };
-        self.lowest = self.lowest.min(self.promised);
-        self.promised = share;
+        let (before, length) = self.promised;
+        self.below += lapsed + if before < FULL { length } else { 0 };
+        self.lowest = self.lowest.min(before);
+        self.promised = (share, self.slice);
         self.begun.get_or_insert((monotonic, self.page.at(monotonic)));
         let speed = if share == FULL { self.full } else { self.full.scaled(share, FULL) };
-        self.page = self.page.extended(monotonic, SLICE, speed);
+        self.page = self.page.extended(monotonic, self.slice, speed);
     }
 
     /// Decides the speed of the next slice, in parts of [`FULL`], from the worst lateness since the last
@@ -224,6 +239,16 @@ mod tests {
         clock.advance(SLICE);
         pace.renew().unwrap();
         assert_eq!((pace.slowed().lowest, pace.slowed().time), (0.5, Duration::from_nanos(SLICE)));
+    }
+
+    #[test]
+    fn slices_are_longer_than_the_delay() {
+        let mut pace = pace(Span(100));
+        let lengths = [0, 5_000_000, 20_000_000, 150_000_000, u64::MAX].map(|delay| {
+            pace.stretch(delay);
+            pace.slice
+        });
+        assert_eq!(lengths, [SLICE, SLICE, 40_000_000, 235_000_000, SLICE_MAX]);
     }
 
     #[test]

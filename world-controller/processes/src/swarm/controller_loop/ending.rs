@@ -128,6 +128,12 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
             Event::SpawnFailed((id, incarnation), e) => {
                 (id, incarnation, format!("could not be started: {e}"), String::new())
             }
+            Event::HostLost { agents, .. } => {
+                for (id, _) in agents {
+                    self.processes.get_mut(id.index()).into_iter().for_each(|process| process.end());
+                }
+                return;
+            }
             Event::Stopped(..) | Event::Continued(_) => return,
         };
         let at = self.outcome.end;

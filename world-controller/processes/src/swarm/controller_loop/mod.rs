@@ -25,7 +25,7 @@ use metamorph_module_agent::process::runtime_message::RuntimeMessage;
 use metamorph_module_agent::transport::shared_frame::SharedFrame;
 use metamorph_module_agent::transport::{AgentKey, ConnectError, Transport};
 use metamorph_protocol::agent::Agent;
-use metamorph_protocol::ids::{Incarnation, ModuleId, Revision};
+use metamorph_protocol::ids::{HostId, Incarnation, ModuleId, Revision};
 use metamorph_protocol::link::LinkChanges;
 use metamorph_protocol::record::Outside;
 use metamorph_protocol::runtime::Command;
@@ -93,6 +93,8 @@ pub struct ControllerLoop<'a, W: World, D, B: Backend> {
     retry_at: Option<u64>,
     /// Agents that were killed from outside before the run began, the signals, and how they ended in words.
     killed_early: Vec<(AgentKey, i32, String)>,
+    /// Hosts that were lost before the run began, why, and their agents.
+    lost_early: Vec<(HostId, String, Vec<AgentKey>)>,
 }
 
 impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
@@ -128,6 +130,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
             looked: begun,
             retry_at: None,
             killed_early: Vec::new(),
+            lost_early: Vec::new(),
         }
     }
 
@@ -138,6 +141,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
     pub fn run(mut self) -> Result<SwarmOutcome, SwarmError> {
         self.set_up()?;
         if !self.finishing {
+            self.launcher.await_clocks()?;
             self.begin()?;
         }
         self.run_on()
@@ -166,6 +170,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         self.take_commands();
         self.look_at_space();
         let drained = self.drain()?;
+        self.pace.stretch(self.launcher.longest_delay());
         self.pace.renew().map_err(SwarmError::Clock)?;
         self.step_world();
         self.flush();
@@ -217,13 +222,13 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
                     self.external(agent, &Outside::Stopped { signal: signals::name(signal) });
                 }
                 Event::Continued(agent) => self.external(agent, &Outside::Continued),
+                Event::HostLost { host, why, agents } => {
+                    self.drain_all()?;
+                    self.host_lost(host, why, &agents);
+                }
                 Event::Exited { agent, how, signal, of_machine, stderr_tail } => {
                     // Frames that it sent before its end are taken before its end is handled.
-                    for _ in 0..self.processes.len().max(64) {
-                        if self.drain()? < DRAIN {
-                            break;
-                        }
-                    }
+                    self.drain_all()?;
                     let unasked = |p: &&Process<_, _>| !p.terminating;
                     let process = self.processes.get(agent.0.index()).filter(unasked);
                     let running = |p: &&Process<_, _>| p.verdict.is_none() && p.stage == Stage::Running;
@@ -251,12 +256,28 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         self.ended(agent, how, String::new(), false);
     }
 
+    /// Takes note that a host is lost, and its agents with it.
+    fn host_lost(&mut self, host: HostId, why: String, agents: &[AgentKey]) {
+        let (how, modules) = (format!("was lost with {host}: {why}"), agents.len() as u32);
+        let runs = |agent: &&AgentKey| {
+            let process = self.processes.get(agent.0.index());
+            process.is_some_and(|p| p.incarnation == agent.1 && p.stage == Stage::Running)
+        };
+        if let Some(first) = agents.iter().find(runs).copied() {
+            self.external(first, &Outside::HostLost { host, modules, why });
+        }
+        agents.iter().for_each(|agent| self.ended(*agent, how.clone(), String::new(), false));
+    }
+
     /// Reports an intervention in a process from outside this run.
     fn external(&mut self, (id, incarnation): AgentKey, what: &Outside) {
         let now = self.now();
         let current = |p: &&mut Process<_, _>| p.incarnation == incarnation && p.stage == Stage::Running;
         let Some(process) = self.processes.get_mut(id.index()).filter(current) else { return };
-        tracing::warn!("module {id} {what}");
+        match what {
+            Outside::HostLost { .. } => tracing::warn!("a host is lost: {what}"),
+            what => tracing::warn!("module {id} {what}"),
+        }
         process.halted = matches!(what, Outside::Stopped { .. });
         process.resumed_at = now;
         process.hurry();
@@ -299,6 +320,16 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         };
         self.outcome.restarted += 1;
         self.launch(i, Incarnation(next));
+    }
+
+    /// Takes all frames that wait.
+    fn drain_all(&mut self) -> Result<(), SwarmError> {
+        for _ in 0..self.processes.len().max(64) {
+            if self.drain()? < DRAIN {
+                break;
+            }
+        }
+        Ok(())
     }
 
     fn drain(&mut self) -> Result<usize, SwarmError> {

@@ -9,6 +9,7 @@ use crate::swarm::resume::write_run;
 use crate::swarm::run_dir::RunDirError;
 use crate::swarm::signals::is_from_outside;
 use metamorph_module_agent::process::runtime_message::RuntimeMessage;
+use metamorph_module_agent::process::start::begin_journal;
 use metamorph_module_agent::run_dir::controller_lease::make_resumable;
 use metamorph_module_agent::transport::AgentKey;
 use metamorph_protocol::ids::Incarnation;
@@ -39,6 +40,10 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
                     Event::SpawnFailed(agent, e) => return Err(self.spawn_error(agent, e.to_string())),
                     // Its agent has not begun, so the director does not know of it yet.
                     Event::Stopped(..) | Event::Continued(_) => {}
+                    Event::HostLost { host, why, agents } => {
+                        agents.iter().for_each(|agent| self.processes[agent.0.index()].end());
+                        self.lost_early.push((host, why, agents));
+                    }
                     Event::Exited { agent, how, stderr_tail, of_machine: true, .. } => {
                         self.processes[agent.0.index()].end();
                         self.launcher.reap(agent);
@@ -116,11 +121,26 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
         }
         // The run knows of them only now.
         for (agent, signal, how) in std::mem::take(&mut self.killed_early) {
+            self.begin_part(agent);
             self.processes[agent.0.index()].stage = Stage::Running;
             self.killed(agent, signal, how);
         }
+        for (host, why, agents) in std::mem::take(&mut self.lost_early) {
+            for agent in &agents {
+                self.begin_part(*agent);
+                self.processes[agent.0.index()].stage = Stage::Running;
+            }
+            self.host_lost(host, why, &agents);
+        }
         self.flush();
         Ok(())
+    }
+
+    /// Begins the part of the journal of an agent that may have ended before it could do so itself.
+    fn begin_part(&self, agent: AgentKey) {
+        if let Some(Err(e)) = self.options.journal.as_ref().map(|parts| begin_journal(parts, agent)) {
+            tracing::warn!("{e}");
+        }
     }
 
     fn send_begin(&mut self, i: usize) {

@@ -2,7 +2,7 @@
 //! host, and those of others over the links to their hosts. A host that is lost ends all its agents in one instant.
 
 use super::daemon::OWN_COUNTERS;
-use super::fleet::{Fleet, Inherited};
+use super::fleet::{Fleet, FleetError, Inherited};
 use super::messages::{Sent, ToController, ToDaemon};
 use super::node::Node;
 use super::parts::{Collected, Stretch};
@@ -25,6 +25,7 @@ use metamorph_module_agent::transport::{
 use metamorph_protocol::counters::Tally;
 use metamorph_protocol::host_link::State;
 use metamorph_protocol::ids::{HostId, Incarnation};
+use metamorph_protocol::time::Span;
 use metamorph_protocol::wire::CONTROLLER;
 use metamorph_sim_bridge::kernel::sim::Crossings;
 use rustix::process::Signal;
@@ -41,6 +42,8 @@ const UNTAKEN: u32 = 64;
 const HEARD: usize = 4_096;
 /// Longest time to wait for the accounts of the other hosts at the end.
 const ACCOUNTS_WAIT_MAX: Duration = Duration::from_secs(10);
+/// Longest time to wait, before the run begins, until the clocks of all hosts are known well enough.
+const CLOCKS_WAIT_MAX: Duration = Duration::from_secs(5);
 /// Longest time to wait before the links get a turn at the end.
 const LINKS_WAIT_MAX: Duration = Duration::from_millis(5);
 
@@ -206,6 +209,11 @@ impl Shared {
                 self.events.push_back(Event::Continued(agent));
             }
             ToController::Journal(stretch) => self.put(host, &stretch),
+            ToController::Still(Some(error)) => tracing::warn!(
+                "scenario time stands still on {host}: its clock is known to {error} only, and `clock_error` is {}",
+                self.fleet.own.clock_error
+            ),
+            ToController::Still(None) => tracing::warn!("scenario time goes on again on {host}"),
             ToController::Drained => {
                 self.drained.insert(host);
             }
@@ -256,7 +264,7 @@ impl Shared {
         if !self.lost.insert(host) {
             return;
         }
-        tracing::error!("{host} is lost");
+        tracing::error!("{host} is lost: {why}");
         if !self.inherited.contains_key(&host) && !self.inherit(host) {
             // Its daemon lives, and may be stopped: its agents must have ended before they are counted.
             self.root_of(host).map(kill_agents);
@@ -265,13 +273,15 @@ impl Shared {
             self.accounts.insert(host, (counters, BTreeMap::new()));
         }
         let gone: Vec<AgentKey> = self.away.keys().copied().filter(|a| self.home(*a) == host).collect();
-        for agent in gone {
-            self.away.remove(&agent);
-            self.counters.insert(agent, self.left_counters(host, agent));
-            let (how, signal) = (format!("was lost with {host}: {why}"), Some(Signal::KILL.as_raw()));
-            let (of_machine, stderr_tail) = (false, String::new());
-            self.events.push_back(Event::Exited { agent, how, signal, of_machine, stderr_tail });
+        for agent in &gone {
+            self.away.remove(agent);
+            self.counters.insert(*agent, self.left_counters(host, *agent));
         }
+        self.events.push_back(Event::HostLost { host, why: why.to_owned(), agents: gone });
+        // Hosts that do not watch each other learn that messages to it have nowhere to go.
+        self.node.give_up(host);
+        let others: Vec<HostId> = self.present();
+        others.into_iter().for_each(|other| self.node.tell(other, &ToDaemon::Lost(host)));
         if let Some(Err(e)) = self.root_of(host).map(mark_collected) {
             tracing::debug!("{host} is not told that its counts are taken: {e}");
         }
@@ -524,6 +534,29 @@ impl Launcher for HostsLauncher {
                     _ => Ok(None),
                 })
             }
+        }
+    }
+
+    fn longest_delay(&self) -> u64 {
+        let shared = self.shared.borrow();
+        let away = shared.fleet.away().filter(|host| !shared.lost.contains(host));
+        away.filter_map(|host| Some(shared.node.clock_of(host)?.error())).max().unwrap_or(0)
+    }
+
+    fn await_clocks(&mut self) -> Result<(), SwarmError> {
+        let begun = Stopwatch::start();
+        loop {
+            let (mut shared, mut local) = (self.shared.borrow_mut(), self.transport.borrow_mut());
+            let bound = shared.fleet.own.clock_error;
+            let known = |host| shared.node.clock_of(host).map(|clock| Span(clock.error()));
+            let is_unknown =
+                |host: &HostId| !shared.lost.contains(host) && known(*host).is_none_or(|error| error > bound);
+            let Some(host) = shared.fleet.away().find(is_unknown) else { return Ok(()) };
+            if begun.elapsed() > CLOCKS_WAIT_MAX {
+                return Err(FleetError::Clock { host, known: known(host), bound }.into());
+            }
+            shared.turn(&mut local);
+            local.wait(LINKS_WAIT_MAX)?;
         }
     }
 

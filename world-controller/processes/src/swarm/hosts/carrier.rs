@@ -12,6 +12,7 @@ use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -27,6 +28,8 @@ const LINGER_MAX: Duration = Duration::from_millis(200);
 pub trait Carrier: Debug {
     /// Sends a packet, or drops it if too many wait.
     fn send(&mut self, packet: Vec<u8>);
+    /// Returns true if the connection has ended. What had arrived before is among the events.
+    fn is_over(&self) -> bool;
 }
 
 /// An event on a carrier. `number` distinguishes the carriers of one host.
@@ -43,13 +46,6 @@ pub enum CarrierEvent {
     },
     /// The other host cannot be heard at present; the carrier stays.
     Interrupted {
-        /// The other host.
-        from: HostId,
-        /// The carrier.
-        number: u64,
-    },
-    /// The connection has ended.
-    Down {
         /// The other host.
         from: HostId,
         /// The carrier.
@@ -105,6 +101,9 @@ impl Ends {
 pub struct ThreadedCarrier {
     packets: Option<SyncSender<Vec<u8>>>,
     stop: Arc<dyn Fn() + Send + Sync>,
+    /// True once nothing more arrives. The end is no event, since events may have to wait for their owner, who may be waiting
+    /// for the thread that reads.
+    over: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
 }
 
@@ -123,12 +122,13 @@ impl ThreadedCarrier {
         let Ends { receive, send, stop } = ends;
         let (packets, waiting) = sync_channel(OUTGOING);
         let owner = (owner.0.to_owned(), owner.1);
-        let mut carrier =
-            ThreadedCarrier { packets: Some(packets), stop: Arc::clone(&stop), threads: Vec::new() };
+        let over = Arc::new(AtomicBool::new(false));
+        let (stopping, ended) = (Arc::clone(&stop), Arc::clone(&over));
+        let mut carrier = ThreadedCarrier { packets: Some(packets), stop, over, threads: Vec::new() };
         let thread = |name: &str| std::thread::Builder::new().name(format!("{from} {name}"));
-        let read = move || read(receive, from, number, &events, owner);
+        let read = move || read(receive, from, number, &events, &ended, owner);
         carrier.threads.push(thread("in").spawn(read)?);
-        carrier.threads.push(thread("out").spawn(move || write(send, &waiting, &*stop))?);
+        carrier.threads.push(thread("out").spawn(move || write(send, &waiting, &*stopping))?);
         Ok(carrier)
     }
 }
@@ -146,6 +146,10 @@ impl Carrier for ThreadedCarrier {
         {
             tracing::debug!("a packet is dropped, since the other host reads too slowly");
         }
+    }
+
+    fn is_over(&self) -> bool {
+        self.over.load(Ordering::Acquire)
     }
 }
 
@@ -179,33 +183,27 @@ fn read(
     from: HostId,
     number: u64,
     events: &SyncSender<CarrierEvent>,
+    over: &AtomicBool,
     (root, generation): (PathBuf, u32),
 ) {
     // A channel of iceoryx2 stays with its thread, so the bell is opened here.
     let bell =
         Bell::open(&root, generation).inspect_err(|e| tracing::warn!("packets are taken late: {e}")).ok();
+    let ring = || bell.iter().for_each(Bell::ring);
     loop {
         let event = match receive() {
             Ok(Arrived::Packet(packet)) => CarrierEvent::Packet { from, number, packet },
             Ok(Arrived::Interruption) => CarrierEvent::Interrupted { from, number },
             Err(e) => {
                 tracing::debug!("the connection to {from} has ended: {e}");
-                CarrierEvent::Down { from, number }
+                over.store(true, Ordering::Release);
+                return ring();
             }
         };
-        let is_over = matches!(event, CarrierEvent::Down { .. });
         match events.try_send(event) {
-            Ok(()) => {}
-            // The end must not be missed; packets may.
-            Err(TrySendError::Full(event)) if is_over => drop(events.send(event)),
+            Ok(()) => ring(),
             Err(TrySendError::Full(_)) => tracing::debug!("a packet is dropped, since too many wait"),
             Err(TrySendError::Disconnected(_)) => return,
-        }
-        if let Some(bell) = &bell {
-            bell.ring();
-        }
-        if is_over {
-            return;
         }
     }
 }
@@ -240,5 +238,38 @@ impl Bell {
         if let Err(e) = self.notifier.notify() {
             tracing::debug!("cannot ring the bell of this host: {e:?}");
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metamorph_console::stopwatch::wait_until;
+
+    /// A connection that has ended although its owner, frozen, has taken nothing for long, is given up all the same.
+    #[test]
+    fn a_full_queue_keeps_no_carrier_from_ending() {
+        let (events, taken) = sync_channel(INCOMING);
+        let mut left = INCOMING + 10;
+        let receive = move || match left.checked_sub(1) {
+            Some(less) => {
+                left = less;
+                Ok(Arrived::Packet(vec![0]))
+            }
+            None => Err(io::ErrorKind::UnexpectedEof.into()),
+        };
+        let ends = Ends { receive: Box::new(receive), send: Box::new(|_| Ok(())), stop: Arc::new(|| ()) };
+        let directory = tempfile::tempdir().unwrap();
+        let owner = (directory.path(), 0);
+        let carrier = ThreadedCarrier::start(ends, HostId(1), 1, events, owner).unwrap();
+        let minute = Duration::from_secs(60);
+        assert!(wait_until(minute, || carrier.is_over()));
+        let (ended, is_dropped) = sync_channel(1);
+        std::thread::spawn(move || {
+            drop(carrier);
+            ended.send(())
+        });
+        is_dropped.recv_timeout(minute).unwrap();
+        assert_eq!(taken.try_iter().count(), INCOMING);
     }
 }

@@ -25,6 +25,7 @@ use metamorph_console::shutdown::{Shutdown, Urgency};
 use metamorph_console::stopwatch::{Stopwatch, wait_until};
 use metamorph_module_agent::clock::{monotonic, page};
 use metamorph_module_agent::run_dir::counter_file::{AgentCounters, CounterFile, CounterStore};
+use metamorph_module_agent::run_dir::share_lease;
 use metamorph_module_agent::run_dir::swarm_file;
 use metamorph_module_agent::transport::iceoryx::rendezvous::set_verbosity;
 use metamorph_module_agent::transport::iceoryx::{IceoryxLink, IceoryxTransport};
@@ -56,6 +57,8 @@ const WAIT_MAX: Duration = Duration::from_millis(100);
 /// Shortest time to wait for the clock of another machine.
 const CLOCK_WAIT_MIN: Duration = Duration::from_millis(1);
 
+/// Number of times that the lease of agents is renewed within a fence.
+const LEASES: u64 = 10;
 /// Time for which a daemon that is asked to end keeps the counts of a run in progress.
 const LAST_CALL: Duration = Duration::from_secs(1);
 
@@ -116,13 +119,14 @@ pub enum DaemonError {
 
 impl CommandError for DaemonError {}
 
-/// Serves runs until it is asked to end.
+/// Serves runs until it is asked to end. `ready` is called once others can connect.
 ///
 /// # Errors
 /// If it cannot listen.
-pub fn daemon(options: &DaemonOptions) -> Result<(), DaemonError> {
+pub fn daemon(options: &DaemonOptions, ready: impl FnOnce()) -> Result<(), DaemonError> {
     let parent = getppid();
     let gate = Gate::open(options)?;
+    ready();
     notify::ready();
     let mut remains: Vec<Remains> = Vec::new();
     let mut has_served = false;
@@ -305,6 +309,7 @@ fn prepare<'a>(
             conversations: Conversations::default(),
             starting: modules,
             draining: false,
+            leased: None,
             dir,
         })
     };
@@ -337,6 +342,8 @@ struct Share<'a> {
     starting: usize,
     /// True from the request to report that nothing is under way until that is so.
     draining: bool,
+    /// When the lease of its agents was last renewed.
+    leased: Option<Stopwatch>,
     dir: RunDir,
 }
 
@@ -352,6 +359,7 @@ impl Share<'_> {
                 Absence::Unknown if self.node.has_to_stop() => return Ok(Ending::Alone),
                 Absence::Unknown | Absence::Awaited => {}
             }
+            self.renew_lease().map_err(SwarmError::Supervisor)?;
             remains.retain(|share| !share.is_over());
             while let Ok((opening, visitor)) = self.gate.incoming.try_recv() {
                 self.connect(opening, visitor);
@@ -492,10 +500,25 @@ impl Share<'_> {
         }
     }
 
+    /// Lets the agents act for another fence, so that they end by then if this daemon is frozen.
+    fn renew_lease(&mut self) -> io::Result<()> {
+        let fence = self.assignment.silent_and_fence.1;
+        let is_fresh = |last: Stopwatch| last.elapsed() < Duration::from_nanos(fence.0 / LEASES);
+        if self.leased.is_some_and(is_fresh) {
+            return Ok(());
+        }
+        self.leased = Some(Stopwatch::start());
+        share_lease::renew(self.dir.root(), monotonic().saturating_add(fence.0))
+    }
+
     /// Goes on with the clock page of this host.
     fn follow_clock(&mut self) -> Result<(), SwarmError> {
         let Some(follower) = &mut self.follower else { return Ok(()) };
-        follower.go_on(monotonic(), self.node.clock_of(HostId::CONTROLLER)).map_err(SwarmError::Clock)
+        let change = follower.go_on(monotonic(), self.node.clock_of(HostId::CONTROLLER));
+        if let Some(still) = change.map_err(SwarmError::Clock)? {
+            self.node.tell(HostId::CONTROLLER, &ToController::Still(still));
+        }
+        Ok(())
     }
 
     /// Passes on what the supervisor reports. Returns the number of events.
@@ -504,7 +527,8 @@ impl Share<'_> {
         while let Some(event) = self.supervisor.event()? {
             count += 1;
             let message = match event {
-                Event::Shutdown(_) => continue,
+                // A daemon has agents of its own host only.
+                Event::Shutdown(_) | Event::HostLost { .. } => continue,
                 Event::SpawnFailed(agent, e) => {
                     self.node.residents.leave(agent);
                     if !self.conversations.end(agent) {
@@ -606,6 +630,7 @@ impl Share<'_> {
                         follower.take(page);
                     }
                 }
+                ToDaemon::Lost(host) => self.node.give_up(host),
                 ToDaemon::Drain => self.draining = true,
                 ToDaemon::Account => {
                     let account = Box::new(self.node.account().into());

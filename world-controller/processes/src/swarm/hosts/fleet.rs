@@ -48,6 +48,19 @@ pub enum FleetError {
     /// A daemon does not serve the run.
     #[error("{0} does not serve this run: {1}")]
     Refused(HostId, String),
+    /// The clock of a host is not known well enough for it to follow the clock of the run.
+    #[error(
+        "the clock of {host} is known {}, and `clock_error` is {bound}\n  fix: write a larger `clock_error` in the hosts file, at least the time that a packet takes to {host}, and lower `time_scale` if the scenario is then refused",
+        .known.map_or("not at all".to_owned(), |known| format!("to {known} only"))
+    )]
+    Clock {
+        /// The host.
+        host: HostId,
+        /// By how much its clock may be off; `None` if that is not known.
+        known: Option<Span>,
+        /// The most by which it may be off.
+        bound: Span,
+    },
     /// The daemons belong to another build than the controller that takes over.
     #[error(
         "the run was begun by another build of the program\n  fix: resume it with the program that began it"

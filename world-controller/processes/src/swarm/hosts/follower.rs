@@ -48,15 +48,18 @@ impl Follower {
     }
 
     /// Goes on as far as the controller's latest page allows. `ahead` is how far the controller's clock is ahead of the
-    /// one of this host.
+    /// one of this host. Returns a change: that time stands still, since the clock is known to this only, or goes on again.
     ///
     /// # Errors
     /// If the page cannot be written.
-    pub fn go_on(&mut self, now: u64, ahead: Option<ClockInterval>) -> io::Result<()> {
-        let Some((latest, ahead)) = self.latest.zip(ahead) else { return Ok(()) };
+    pub fn go_on(&mut self, now: u64, ahead: Option<ClockInterval>) -> io::Result<Option<Option<Span>>> {
+        let has_begun = |page: &Page| page.at(page.until()) > Time::ZERO;
+        let Some((latest, ahead)) = self.latest.filter(has_begun).zip(ahead) else { return Ok(None) };
         let is_lost = ahead.error() > self.most.0;
+        let mut change = None;
         if is_lost != self.is_lost {
             self.is_lost = is_lost;
+            change = Some(is_lost.then_some(Span(ahead.error())));
             match is_lost {
                 true => tracing::warn!(
                     "scenario time stands still here: the controller's clock is known to {} only, and {} is the maximum",
@@ -68,14 +71,14 @@ impl Follower {
         }
         let target = latest.shifted(-ahead.middle());
         if is_lost || now < self.page.renewal() {
-            return Ok(());
+            return Ok(change);
         }
         if let Some((until, speed)) = next_slice(&self.page, &target, now) {
             let from = self.page.until().max(now);
             self.page = self.page.extended(now, until - from, speed);
             self.clock.write_page(&self.page)?;
         }
-        Ok(())
+        Ok(change)
     }
 
     /// Returns the instant at which there may be more to do.
@@ -150,9 +153,12 @@ mod tests {
         let begin = follower.page.until();
         follower.take(Page::stopped(begin, Time::ZERO).extended(begin, SLICE, Speed::REAL));
         follower.go_on(begin, None).unwrap();
-        follower.go_on(begin, Some(ClockInterval { low: -2_000_000, high: 2_000_000 })).unwrap();
+        let mut known_to =
+            |error: i64| follower.go_on(begin, Some(ClockInterval { low: -error, high: error })).unwrap();
+        assert_eq!([2_000_000, 2_000_000].map(&mut known_to), [Some(Some(Span::millis(2))), None]);
         assert_eq!(follower.page.at(begin + SLICE), Time::ZERO);
-        follower.go_on(begin, Some(ClockInterval { low: -1_000_000, high: 1_000_000 })).unwrap();
+        let change = follower.go_on(begin, Some(ClockInterval { low: -1_000_000, high: 1_000_000 })).unwrap();
+        assert_eq!(change, Some(None));
         assert_eq!(follower.page.at(begin + SLICE), Time(SLICE));
     }
 }

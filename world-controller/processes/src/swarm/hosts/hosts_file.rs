@@ -18,6 +18,9 @@ pub const VERSION: u64 = 1;
 const LIMIT: u64 = 1 << 20;
 /// Default time by which the clock of another machine may be off.
 const CLOCK_ERROR: Span = Span::millis(5);
+/// Time for which zenoh's thread waits in the `close` of a connection whose other end is silent: links between machines are built
+/// with it (`TLS_LINGER_TIMEOUT`). Meanwhile no other host is heard.
+const CLOSING: Span = Span::secs(1);
 /// The shortest time of silence: four acknowledgements.
 const SHORTEST: Span = Span::secs(1);
 const LOCAL: &str = "local";
@@ -125,7 +128,7 @@ impl HostsFile {
             let what = format!("`fence` is {fence} and `silent` {silent}");
             return Err(bad(what, "make `fence` at least twice as long as `silent`"));
         }
-        let mut addresses = Vec::new();
+        let mut addresses: Vec<Address> = Vec::new();
         for (RawHost { name, address }, number) in raw.host.iter().zip(0u16..) {
             let expected = HostId(number).to_string();
             if *name != expected {
@@ -158,6 +161,18 @@ impl HostsFile {
         if away > 0 && away < addresses.len() {
             let what = "some hosts have sockets and others are on a network".to_owned();
             return Err(bad(what, "give all hosts addresses on the network, such as 127.0.0.1:7448"));
+        }
+        // All hosts but two may fall silent at once, and the last one must not count as dead meanwhile.
+        let least = silent * 2 + CLOSING * (addresses.len() as u64 - 1);
+        if away > 0 && fence < least {
+            let what = format!(
+                "`fence` is {fence}, and {} hosts that fall silent keep the others from being heard for up to {CLOSING} each",
+                addresses.len() - 1
+            );
+            return Err(bad(
+                what,
+                "make `fence` at least twice as long as `silent`, and 1 s longer for each host but two",
+            ));
         }
         if away > 0 && raw.keys.is_none() {
             let what = "hosts on a network need keys".to_owned();

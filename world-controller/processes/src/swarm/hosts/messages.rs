@@ -151,6 +151,8 @@ pub enum ToDaemon {
     Frame(AgentKey, Sent),
     /// The controller's clock page, for hosts with a clock of their own.
     Clock(Vec<u8>),
+    /// Another host is lost: messages to it have expired.
+    Lost(HostId),
     /// Report when no frame to another host is under way.
     Drain,
     /// Report what the host itself has counted.
@@ -164,6 +166,8 @@ pub enum ToController {
     Frame(Sent),
     /// So many frames from the controller are in the inbox of this agent, or were dropped with it.
     Taken(AgentKey, u32),
+    /// Scenario time stands still on the host, since the controller's clock is known to this only; or goes on again.
+    Still(Option<Span>),
     /// An agent could not be started.
     SpawnFailed(AgentKey, String),
     /// An agent has ended.

@@ -32,9 +32,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Duration;
 
 /// The version of the conversation between hosts.
-pub const PROGRAM: u32 = 4;
-/// Number of packets taken in one turn.
-const PACKETS: usize = 256;
+pub const PROGRAM: u32 = 5;
 /// Shortest time that a controller may take to get all hosts together before it is heard.
 const GRACE_MIN: Span = Span::secs(60);
 /// Largest number of refusals of one host per second that are logged.
@@ -320,9 +318,17 @@ impl<L: Link> Node<L> {
     pub fn turn<T: Transport<Link = L>>(&mut self, transport: &mut T) {
         let now = Time(monotonic());
         let cut = self.cut_off();
-        for _ in 0..PACKETS {
+        // Looked at first: all that had arrived before an end is among the events.
+        let is_over = |peer: &Peer| peer.carrier.as_ref().is_some_and(|(_, carrier)| carrier.is_over());
+        let over: Vec<HostId> =
+            self.peers.iter().filter(|(_, peer)| is_over(peer)).map(|(id, _)| *id).collect();
+        for _ in 0..INCOMING {
             let Ok(event) = self.carriers.1.try_recv() else { break };
             self.take(now, event, &cut);
+        }
+        for (_, peer) in self.peers.iter_mut().filter(|(host, _)| over.contains(host)) {
+            peer.carrier = None;
+            peer.link.carrier_down(now);
         }
         let mut frames = Vec::new();
         let time = self.clock.read_page().map_or(Time::ZERO, |page| page.at(now.0));
@@ -354,9 +360,7 @@ impl<L: Link> Node<L> {
     }
 
     fn take(&mut self, now: Time, event: CarrierEvent, cut: &[HostId]) {
-        let (CarrierEvent::Packet { from, number, .. }
-        | CarrierEvent::Interrupted { from, number }
-        | CarrierEvent::Down { from, number }) = event;
+        let (CarrierEvent::Packet { from, number, .. } | CarrierEvent::Interrupted { from, number }) = event;
         let is_current = |peer: &&mut Peer| peer.carrier.as_ref().is_some_and(|(n, _)| *n == number);
         let Some(peer) = self.peers.get_mut(&from).filter(is_current) else { return };
         match event {
@@ -371,10 +375,6 @@ impl<L: Link> Node<L> {
             CarrierEvent::Interrupted { .. } => {
                 peer.link.carrier_down(now);
                 peer.link.carrier_up(now);
-            }
-            CarrierEvent::Down { .. } => {
-                peer.carrier = None;
-                peer.link.carrier_down(now);
             }
         }
     }
@@ -453,6 +453,14 @@ impl<L: Link> Node<L> {
             }
         }
         crossed
+    }
+
+    /// Ends the link to a host that is lost: messages to it have expired from now on.
+    pub fn give_up(&mut self, host: HostId) {
+        if let Some(peer) = self.peers.get_mut(&host) {
+            peer.link.close(Time(monotonic()));
+            peer.carrier = None;
+        }
     }
 
     /// Says goodbye to all hosts and ends the connections.

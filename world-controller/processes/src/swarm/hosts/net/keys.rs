@@ -7,6 +7,8 @@ use rcgen::{
     KeyUsagePurpose, SanType, date_time_ymd,
 };
 use rustix::rand::{GetRandomFlags, getrandom};
+use rustls::pki_types::CertificateDer;
+use rustls::pki_types::pem::PemObject;
 use std::fs::{self, DirBuilder, File};
 use std::io::{self, Read, Write};
 use std::net::IpAddr;
@@ -14,6 +16,7 @@ use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use thiserror::Error;
+use x509_parser::prelude::{FromDer, X509Certificate};
 
 const AUTHORITY: &str = "ca.pem";
 const TOKEN: &str = "token";
@@ -41,6 +44,9 @@ pub enum KeysError {
     /// A file does not hold what it should.
     #[error("{0}: {1}\n  fix: make keys again with `metamorph host --make-keys`")]
     Content(PathBuf, &'static str),
+    /// A certificate is that of another host.
+    #[error("{0} is the certificate of `{1}`\n  fix: copy {2}.pem and {2}.key of one `--make-keys` to {2}")]
+    Foreign(PathBuf, String, HostId),
     /// A certificate cannot be made.
     #[error("the certificate of {0} cannot be made: {1}")]
     Make(String, rcgen::Error),
@@ -78,8 +84,13 @@ impl Keys {
             key: file(format!("{host}.key")),
             token: [0; TOKEN_SIZE],
         };
-        for public in [&keys.authority, &keys.certificate] {
-            read(public)?;
+        read(&keys.authority)?;
+        let certificate = read(&keys.certificate)?;
+        let named = name(&certificate).ok_or_else(|| {
+            KeysError::Content(keys.certificate.clone(), "it holds no certificate of a host")
+        })?;
+        if named != host.to_string() {
+            return Err(KeysError::Foreign(keys.certificate.clone(), named, host));
         }
         secret(&keys.key)?;
         let path = file(TOKEN.into());
@@ -87,6 +98,19 @@ impl Keys {
         let token = token.try_into().map_err(|_| KeysError::Content(path, "a token is 32 bytes long"))?;
         Ok(Keys { token, ..keys })
     }
+}
+
+/// Returns the name of the host in a certificate in PEM form.
+fn name(pem: &[u8]) -> Option<String> {
+    let certificate = CertificateDer::from_pem_slice(pem).ok()?;
+    common_name(&certificate)
+}
+
+/// Returns the name in a certificate.
+pub fn common_name(certificate: &CertificateDer<'_>) -> Option<String> {
+    let (_, certificate) = X509Certificate::from_der(certificate).ok()?;
+    let name = certificate.subject().iter_common_name().next()?.as_str().ok()?;
+    Some(name.to_owned())
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, KeysError> {
@@ -182,7 +206,14 @@ mod tests {
         fs::set_permissions(&h2.key, fs::Permissions::from_mode(0o640)).unwrap();
         let error = Keys::read(&keys, HostId(1)).err().unwrap().to_string();
         assert!(error.contains("mode 640") && error.contains("chmod 600"), "{error}");
+        // The keys of one host under the name of another are named.
+        let as_h1 = ["pem", "key"]
+            .map(|kind| fs::copy(keys.join(format!("h2.{kind}")), keys.join(format!("h1.{kind}"))));
+        assert!(as_h1.iter().all(Result::is_ok));
+        let error = Keys::read(&keys, HostId(0)).err().unwrap().to_string();
+        assert!(error.contains("is the certificate of `h2`") && error.contains("to h1"), "{error}");
+        fs::set_permissions(&h2.key, fs::Permissions::from_mode(0o600)).unwrap();
         fs::write(keys.join(TOKEN), b"short").unwrap();
-        assert!(matches!(Keys::read(&keys, HostId(0)), Err(KeysError::Content(..))));
+        assert!(matches!(Keys::read(&keys, HostId(1)), Err(KeysError::Content(..))));
     }
 }

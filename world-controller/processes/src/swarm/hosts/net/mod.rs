@@ -16,3 +16,9 @@ pub use keys::{Keys, KeysError, make};
 pub use one_thread::keep_zenoh_on_one_thread;
 pub use probe::{Fault, probe};
 pub use session::{Line, Net, SessionError};
+
+const _: () = assert!(
+    matches!(option_env!("TLS_LINGER_TIMEOUT"), Some(seconds) if matches!(seconds.as_bytes(), b"1")),
+    "links between machines need the environment variable TLS_LINGER_TIMEOUT=1 when they are built: without it a machine that \
+     falls silent silences the others for 10 s; .cargo/config.toml sets it for builds in this repository"
+);

@@ -1,7 +1,7 @@
 //! Diagnosis of a daemon that cannot be reached: a TLS handshake of its own, since zenoh says "timeout" whatever the
 //! reason. Nothing is sent after the handshake.
 
-use super::keys::Keys;
+use super::keys::{Keys, common_name};
 use crate::swarm::hosts::address::Address;
 use metamorph_protocol::ids::HostId;
 use rustls::pki_types::pem::PemObject;
@@ -12,7 +12,6 @@ use std::net::{TcpStream, ToSocketAddrs};
 use std::sync::Arc;
 use std::time::Duration;
 use thiserror::Error;
-use x509_parser::prelude::{FromDer, X509Certificate};
 
 /// Longest time to wait for a connection, and for each step of the handshake.
 const WAIT_MAX: Duration = Duration::from_secs(3);
@@ -28,6 +27,12 @@ pub enum Fault {
     /// Nothing listens there, or the network does not lead there.
     #[error("no connection: {0}\n  fix: start its daemon, or open the port in firewalls")]
     Connect(io::Error),
+    /// Nothing is heard in time.
+    #[error(
+        "nothing is heard from there for {} s\n  fix: check that the machine and its daemon run and are not stopped, and that the network leads there",
+        WAIT_MAX.as_secs()
+    )]
+    Silent,
     /// The other end does not speak TLS.
     #[error("what listens there does not speak TLS\n  fix: check address and port")]
     Plain,
@@ -73,7 +78,7 @@ pub fn probe(keys: &Keys, host: HostId, address: &Address) -> Result<(), Fault> 
             break;
         }
     }
-    let mut stream = connected.map_err(Fault::Connect)?;
+    let mut stream = connected.map_err(unconnected)?;
     let name = ServerName::try_from(machine.clone()).map_err(|e| Fault::Other(e.to_string()))?;
     let mut tls =
         ClientConnection::new(Arc::new(config(keys)?), name).map_err(|e| Fault::Other(e.to_string()))?;
@@ -113,12 +118,6 @@ fn config(keys: &Keys) -> Result<ClientConfig, Fault> {
         .map_err(|e| Fault::Keys(e.to_string()))
 }
 
-fn common_name(certificate: &CertificateDer<'_>) -> Option<String> {
-    let (_, certificate) = X509Certificate::from_der(certificate).ok()?;
-    let name = certificate.subject().iter_common_name().next()?.as_str().ok()?;
-    Some(name.to_owned())
-}
-
 /// Returns the reason behind an error of the handshake.
 fn fault(error: io::Error) -> Fault {
     let tls = error.get_ref().and_then(|e| e.downcast_ref::<rustls::Error>());
@@ -143,7 +142,14 @@ fn fault(error: io::Error) -> Fault {
         }),
         Some(other) => Fault::Other(other.to_string()),
         None if error.kind() == ErrorKind::UnexpectedEof => Fault::Plain,
-        None if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => Fault::Plain,
-        None => Fault::Connect(error),
+        None => unconnected(error),
+    }
+}
+
+/// Returns the reason behind an error of the connection below TLS.
+fn unconnected(error: io::Error) -> Fault {
+    match error.kind() {
+        ErrorKind::WouldBlock | ErrorKind::TimedOut => Fault::Silent,
+        _ => Fault::Connect(error),
     }
 }
