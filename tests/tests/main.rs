@@ -4,6 +4,7 @@
 mod architecture;
 mod bench;
 mod checker;
+mod cluster;
 mod command_line;
 mod command_line_metamodules;
 mod command_sessions;

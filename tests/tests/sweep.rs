@@ -5,7 +5,7 @@ use metamorph_tests::command::{Ran, command, run};
 use metamorph_world_controller::console::format::many;
 use metamorph_world_controller::experiments::sweep::summary::{SCHEMA, Summary};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Stdio;
 use tempfile::TempDir;
 
@@ -144,6 +144,51 @@ fn a_cut_sweep_is_resumed() {
     }
 }
 
+/// One command serves a job that is started again: `--resume` begins where nothing is yet, and runs only the seeds that are new.
+#[test]
+fn a_sweep_gets_more_seeds() {
+    let place = Place::new(SMALL);
+    assert_eq!(place.twelve("whole", &[]).code, Some(0));
+    let out = place.at("out").display().to_string();
+    for (seeds, new) in [("5..6", 4), ("5..8", 8), ("5..8", 0)] {
+        let ran = place.sweep(&[&["--seeds", seeds, "--out", &out, "--resume"], &VARY[..]].concat());
+        assert!(ran.code == Some(0) && ran.out.contains(&format!("  {} in ", many(new, "run"))), "{ran:?}");
+    }
+    for file in FILES {
+        assert_eq!(place.read("out", file), place.read("whole", file), "{file}");
+    }
+}
+
+#[test]
+fn parts_of_a_sweep_are_joined_to_the_files_of_one_machine() {
+    let place = Place::new(SMALL);
+    assert_eq!(place.twelve("whole", &[]).code, Some(0));
+    for (part, name) in [("1/3", "a"), ("2/3", "b"), ("3/3", "c")] {
+        let ran = place.twelve(name, &["--part", part, "--resume"]);
+        assert!(ran.code == Some(0) && ran.out.contains(&format!("the part {part}")), "{ran:?}");
+        assert!(!place.at(name).join("summary.json").exists());
+    }
+    let [a, b, c, out] = ["a", "b", "c", "joined"].map(|name| place.at(name).display().to_string());
+    let join = |parts: &[&str]| run(&[&["sweep", "--join"], parts, &["--out", &out]].concat());
+    for (parts, part) in
+        [(&[&a, &c][..], "1 part of 3 missing: 2/3"), (&[&a, &b, &c, &b], "the part 2/3 is in")]
+    {
+        let ran = join(&parts.iter().map(|part| part.as_str()).collect::<Vec<_>>());
+        assert!(ran.code == Some(2) && ran.err.contains(part) && ran.err.contains("fix: "), "{ran:?}");
+    }
+    // A part that was cut off is named, and completed by the command that began it.
+    let runs = place.read("b", "runs.csv");
+    fs::write(place.at("b").join("runs.csv"), &runs[..runs.len() - 9]).unwrap();
+    let ran = join(&[&a, &b, &c]);
+    assert!(ran.code == Some(2) && ran.err.contains("2/3 in") && ran.err.contains("3 of 4 runs"), "{ran:?}");
+    assert_eq!(place.twelve("b", &["--part", "2/3", "--resume"]).code, Some(0));
+    let ran = join(&[&c, &b, &a]);
+    assert!(ran.code == Some(0) && ran.out.contains("12 runs of 3 parts"), "{ran:?}");
+    for file in FILES {
+        assert_eq!(place.read("joined", file), place.read("whole", file), "{file}");
+    }
+}
+
 #[test]
 fn only_the_same_sweep_is_resumed() {
     let place = Place::new(SMALL);
@@ -160,11 +205,10 @@ fn only_the_same_sweep_is_resumed() {
     let runs = place.read("out", "runs.csv");
     refused(&["--seeds", "5..8", "--out", &out], &["is not empty", "--resume"]);
     refused(&["--seeds", "5..8", "--out", &out, "--resume"], &["other variations", "there, none here"]);
-    let other = [&["--seeds", "5..9", "--out", out.as_str(), "--resume"], &VARY[..]].concat();
-    refused(&other, &["other seeds: 5..8 there, 5..9 here"]);
-    let none = place.at("none").display().to_string();
-    refused(&["--seeds", "5..8", "--out", &none, "--resume"], &["no sweep to resume"]);
-    assert!(!Path::new(&none).exists());
+    let other = [&["--seeds", "5..7", "--out", out.as_str(), "--resume"], &VARY[..]].concat();
+    refused(&other, &["other seeds: 5..8 there, 5..7 here"]);
+    let part = [&["--seeds", "5..8", "--out", out.as_str(), "--resume", "--part", "1/2"], &VARY[..]].concat();
+    refused(&part, &["another part: the whole there, 1/2 here"]);
     refused(&["--seeds", "5..8", "--out", "/proc/nothing/here"], &["/proc/nothing/here", "cannot write"]);
     let file = place.at("small.toml").display().to_string();
     refused(&["--seeds", "5..8", "--out", &file], &["small.toml", "cannot write"]);

@@ -6,10 +6,9 @@ use crate::raised::raise;
 use crate::scenario::with_faults;
 use metamorph_world_controller::console::interrupt::Interrupt;
 use metamorph_world_controller::console::stopwatch::Stopwatch;
-use metamorph_world_controller::experiments::sweep::grid::{Axis, Grid, Seeds};
+use metamorph_world_controller::experiments::sweep::grid::{Axis, Grid, Part, Seeds};
 use metamorph_world_controller::experiments::sweep::pool::{self, News, Work};
 use metamorph_world_controller::experiments::sweep::row::{self, Row};
-use metamorph_world_controller::experiments::sweep::store::Manifest;
 use metamorph_world_controller::experiments::sweep::{Scenario, SweepError};
 use pyo3::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
@@ -33,13 +32,14 @@ fn failed(py: Python<'_>, e: &SweepError) -> PyErr {
 #[pyfunction]
 pub fn manifest(
     py: Python<'_>,
-    origin: &str,
-    text: &str,
+    origin: String,
+    text: String,
     faults: Vec<String>,
     seeds: (u64, u64),
     vary: Vec<(String, Vec<String>)>,
 ) -> PyResult<String> {
-    Ok(Manifest::new(origin, text, with_faults(&faults).options(), &grid(py, seeds, vary)?).text())
+    let scenario = Scenario { origin, text, overrides: with_faults(&faults) };
+    Ok(scenario.manifest(&grid(py, seeds, vary)?).text())
 }
 
 /// Simulates every combination with every seed, and returns the runs as `runs.csv` has them. `vary` are the keys and
@@ -70,8 +70,15 @@ pub fn sweep(
     let interrupt = Interrupt::default();
     let rows = py.detach(|| {
         let none = BTreeSet::new();
-        let work =
-            Work { scenario: &scenario, grid: &grid, first: 0, done: &none, jobs, interrupt: &interrupt };
+        let work = Work {
+            scenario: &scenario,
+            grid: &grid,
+            part: Part::WHOLE,
+            first: 0,
+            done: &none,
+            jobs,
+            interrupt: &interrupt,
+        };
         let mut rows: BTreeMap<u64, Box<Row>> = BTreeMap::new();
         let mut told = Stopwatch::start();
         let end = pool::run(work, |news| {

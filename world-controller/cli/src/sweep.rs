@@ -3,7 +3,7 @@
 use crate::scenario_args::{ChangeArgs, jobs};
 use clap::Args;
 use metamorph_console::command::{CommandOf, Group};
-use metamorph_experiments::sweep::{Request, sweep};
+use metamorph_experiments::sweep::{Request, join_parts, sweep};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
@@ -15,6 +15,8 @@ Examples:
   metamorph sweep swarm --seeds 0..200 --vary protocol.connectivity=forest,cycles \\
       --vary goal.0.growth=scaffold,solid --out results
   metamorph sweep (the same options) --out results --resume
+  metamorph sweep (the same options) --part 3/16 --out part-3 --resume
+  metamorph sweep --join part-* --out results
 
 Every combination of the varied values is run with every seed, on the simulated link. A key is the
 names of tables and keys joined by dots, with the number of an element for lists: goal.0.growth. A
@@ -24,7 +26,10 @@ runs and 10,000 combinations.
 Files in DIR: runs.csv has a line for every run, summary.json the numbers of the table, report.html
 shows them. They are the same on every machine and with any number of jobs.
 
-Ctrl-C ends a sweep; with --out every completed run is kept.
+Ctrl-C ends a sweep; with --out every completed run is kept. --resume begins where nothing is yet, so that one
+command serves a job that is started again. With more seeds than before it runs only these.
+
+--part divides the runs among machines, and --join makes of all parts the files of one machine.
 
 Exit codes:
   0  every run has ended, however it ended
@@ -36,12 +41,13 @@ Exit codes:
 /// Arguments of `sweep`.
 #[derive(Debug, Args)]
 pub struct SweepArgs {
-    /// The scenario: a file of TOML or JSON, `-` for standard input, or a name that `metamorph scenarios` lists
-    #[arg(value_name = "SCENARIO")]
-    pub scenario: PathBuf,
-    /// The seeds, from A to B without B: 0..1000 are 1,000 runs
-    #[arg(long, value_name = "A..B", allow_hyphen_values = true)]
-    pub seeds: String,
+    /// The scenario: a file of TOML or JSON, `-` for standard input, or a name that `metamorph scenarios` lists; left out only
+    /// with --join
+    #[arg(value_name = "SCENARIO", required_unless_present = "join")]
+    pub scenario: Option<PathBuf>,
+    /// The seeds, from A to B without B: 0..1000 are 1,000 runs; left out only with --join
+    #[arg(long, value_name = "A..B", allow_hyphen_values = true, required_unless_present = "join")]
+    pub seeds: Option<String>,
     /// Run with each of these values of a key, for example link.loss=0%,1%,5% (repeatable: every combination is run)
     #[arg(long, value_name = "KEY=V1,V2,..", allow_hyphen_values = true)]
     pub vary: Vec<String>,
@@ -54,24 +60,34 @@ pub struct SweepArgs {
     /// Write the results to files in this directory, which must be new or empty
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Resume an interrupted sweep in DIR
+    /// Resume an interrupted sweep in DIR, or begin one; with more seeds than before only these are run
     #[arg(long, requires = "out")]
     pub resume: bool,
+    /// Run the part I of N of the runs, from 1 to N, as one of several machines; --join makes one sweep of all parts; default:
+    /// all runs
+    #[arg(long, value_name = "I/N", requires = "out")]
+    pub part: Option<String>,
+    /// Make one sweep in --out of the parts in these directories
+    #[arg(long, value_name = "DIR", num_args = 1.., requires = "out",
+        conflicts_with_all = ["scenario", "seeds", "vary", "jobs", "resume", "part", "ChangeArgs"])]
+    pub join: Vec<PathBuf>,
     /// Print errors only
     #[arg(short, long)]
     pub quiet: bool,
 }
 
 impl From<SweepArgs> for Request {
+    /// Without a scenario and seeds, which only `--join` needs not, these are empty.
     fn from(args: SweepArgs) -> Request {
         Request {
-            scenario: args.scenario,
-            seeds: args.seeds,
+            scenario: args.scenario.unwrap_or_default(),
+            seeds: args.seeds.unwrap_or_default(),
             vary: args.vary,
             overrides: args.changes.overrides(),
             jobs: jobs(args.jobs),
             out: args.out,
             resume: args.resume,
+            part: args.part,
             quiet: args.quiet,
         }
     }
@@ -83,5 +99,8 @@ pub static COMMAND: CommandOf<SweepArgs> = CommandOf {
     group: Some(Group::Study),
     about: "Run a scenario with many seeds and varied values, and compare",
     after_help: || EXAMPLES.to_owned(),
-    execute: |args, _| Ok(sweep(&args.into())?),
+    execute: |args, _| match (&args.join[..], &args.out) {
+        ([], _) | (_, None) => Ok(sweep(&args.into())?),
+        (parts, Some(out)) => Ok(join_parts(parts, out, args.quiet)?),
+    },
 };

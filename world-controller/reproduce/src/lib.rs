@@ -326,7 +326,7 @@ impl Sweeper<'_> {
         let tallies = run(&scenario, grid, Progress::new(grid, store), *jobs, self.interrupt, !quiet)?;
         let summary = tallies.summary(&scenario.name(), grid);
         if let Some(results) = &results {
-            results.write(&scenario, grid, &summary)?;
+            results.write(&scenario.manifest(grid), &summary)?;
         }
         self.runs += summary.runs;
         self.planned += summary.runs_planned;

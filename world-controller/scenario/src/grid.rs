@@ -15,6 +15,8 @@ use thiserror::Error;
 pub const MAX_RUNS: u64 = 10_000_000;
 /// Largest number of combinations of one sweep.
 pub const MAX_COMBINATIONS: u64 = 10_000;
+/// Largest number of parts of a sweep.
+pub const MAX_PARTS: u64 = 100_000;
 
 /// Why seeds or variations are invalid.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -68,6 +70,11 @@ pub enum GridError {
         "--vary {0}: the seed is given with --seeds\n  fix: write for example `--seeds 0..1000` and leave this out"
     )]
     Seed(String),
+    /// Not a part of a sweep.
+    #[error(
+        "--part {0}: that is no part of a sweep\n  fix: write I/N, the part I of N from 1 to N, such as `--part 3/16`; {MAX_PARTS} parts are the maximum"
+    )]
+    Part(String),
     /// Too many combinations.
     #[error(
         "--vary: there are {0} combinations; {MAX_COMBINATIONS} is the maximum\n  fix: vary fewer keys or values at a time"
@@ -251,6 +258,66 @@ impl Grid {
     }
 }
 
+/// A part of the runs of a sweep, for one of several machines. Neighbouring seeds and combinations are in different parts, so that
+/// all take about as long; a run stays in its part when seeds are added at the end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Part {
+    /// Its number, from 0.
+    index: u64,
+    /// The number of parts.
+    of: u64,
+}
+
+impl Part {
+    /// The only part of a sweep that is not divided.
+    pub const WHOLE: Part = Part { index: 0, of: 1 };
+
+    /// Reads `I/N`, the part I of N, from 1 to N.
+    ///
+    /// # Errors
+    /// If it is none.
+    pub fn parse(text: &str) -> Result<Part, GridError> {
+        let read = || {
+            let (number, of) = text.split_once('/')?;
+            let (number, of): (u64, u64) = (number.trim().parse().ok()?, of.trim().parse().ok()?);
+            let is_part = (1..=MAX_PARTS).contains(&of) && (1..=of).contains(&number);
+            is_part.then_some(Part { index: number.checked_sub(1)?, of })
+        };
+        read().ok_or_else(|| GridError::Part(text.to_owned()))
+    }
+
+    /// Returns the number of parts.
+    pub const fn of(self) -> u64 {
+        self.of
+    }
+    /// Returns true if the sweep is not divided.
+    pub fn is_whole(self) -> bool {
+        self.of == 1
+    }
+    /// Returns true if a run belongs to this part.
+    pub fn has(self, grid: &Grid, run: u64) -> bool {
+        (grid.combination(run) + grid.seed(run) - grid.seeds.from) % self.of == self.index
+    }
+    /// Returns the first run of this part that is not before `run`; the number of all runs if there is none.
+    pub fn next(self, grid: &Grid, run: u64) -> u64 {
+        (run..grid.runs()).find(|run| self.has(grid, *run)).unwrap_or(grid.runs())
+    }
+    /// Returns the number of runs of this part.
+    pub fn runs(self, grid: &Grid) -> u64 {
+        (0..grid.runs()).filter(|run| self.has(grid, *run)).count() as u64
+    }
+    /// Iterates over all parts of a sweep that this one is a part of.
+    pub fn all(self) -> impl Iterator<Item = Part> {
+        (0..self.of).map(move |index| Part { index, of: self.of })
+    }
+}
+
+impl fmt::Display for Part {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}/{}", self.index + 1, self.of)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -260,6 +327,31 @@ mod tests {
     }
     fn axis(text: &str) -> Axis {
         Axis::parse(text).unwrap()
+    }
+
+    #[test]
+    fn each_run_is_in_one_part_and_stays_there_when_seeds_are_added() {
+        let grid =
+            |until| Grid::new(Seeds { from: 7, until }, vec![Axis::parse("a=1,2,3").unwrap()]).unwrap();
+        let (grid, more) = (grid(12), grid(40));
+        let parts: Vec<Part> = Part::parse("1/4").unwrap().all().collect();
+        assert_eq!(parts.iter().map(ToString::to_string).collect::<Vec<_>>(), ["1/4", "2/4", "3/4", "4/4"]);
+        for run in 0..grid.runs() {
+            let of = |grid: &Grid, run| parts.iter().position(|part| part.has(grid, run));
+            let later = grid.combination(run) * more.seeds.len() + run % grid.seeds.len();
+            assert!(of(&grid, run).is_some() && of(&grid, run) == of(&more, later), "{run}");
+            assert_eq!(parts.iter().filter(|part| part.has(&grid, run)).count(), 1);
+        }
+        let counts: Vec<u64> = parts.iter().map(|part| part.runs(&grid)).collect();
+        assert_eq!(
+            (counts.iter().sum::<u64>(), counts.iter().max(), counts.iter().min()),
+            (15, Some(&4), Some(&3))
+        );
+        assert_eq!((Part::WHOLE.next(&grid, 3), Part::WHOLE.next(&grid, 15)), (3, 15));
+        for wrong in ["", "0/4", "5/4", "1/0", "1", "a/b", "-1/4"] {
+            let error = Part::parse(wrong).unwrap_err().to_string();
+            assert!(error.contains("no part of a sweep") && error.contains("fix: "), "{error}");
+        }
     }
 
     #[test]

@@ -423,19 +423,24 @@ def sweep(
     protocol: Optional[type[Protocol]] = None,
     until: Optional[Until] = None,
     progress: Optional[Callable[[Progress], object]] = None,
+    executor: Optional[Any] = None,
 ) -> Sweep:
     """Simulates a scenario with many seeds and all combinations of varied values, on several threads.
 
-    The runs are those of `metamorph sweep`, whatever the number of threads. A protocol written in Python holds the
+    The runs are those of `metamorph sweep`, whatever the number of threads or machines. A protocol written in Python holds the
     interpreter, so that its runs go to processes instead: class and `until` must be importable, and a script needs
     `if __name__ == "__main__":`.
 
     :param seeds: consecutive seeds.
     :param vary: values by key, such as `{"link.loss": ["0%", "5%"]}`.
-    :param jobs: threads or processes; by default as many as there are processors.
+    :param jobs: threads or processes; by default as many as there are processors. With an executor, the sweep is divided into
+        four parts for each of so many workers.
     :param protocol: a protocol written in Python.
     :param until: when a run of this protocol is over.
-    :param progress: called at most ten times a second.
+    :param progress: called at most ten times a second; with an executor, after each part.
+    :param executor: what the parts are handed to, each with one thread: any `concurrent.futures.Executor`, such as a process pool,
+        `dask.distributed.Client.get_executor()`, or `mpi4py.futures.MPIPoolExecutor`; or an executor of submitit. Its workers need
+        this package, and the files that the scenario names in the same place. Ctrl-C cancels what has not begun.
     """
     if isinstance(seeds, int):
         raise TypeError(f"seeds is {seeds}; write seeds=range({seeds}) for the seeds 0 to {seeds - 1}")
@@ -454,11 +459,12 @@ def sweep(
     manifest = _native.manifest(
         chosen._origin, chosen._text, list(chosen._faults), (numbers[0], numbers[-1] + 1), all_axes
     )
-    if protocol is not None:
-        _given(protocol, until, (), None)
+    if protocol is not None or executor is not None:
+        if protocol is not None:
+            _given(protocol, until, (), None)
         work = Work(chosen._origin, chosen._text, list(chosen._faults), all_axes, protocol, until)
         done = None if progress is None else lambda done, total: progress(Progress(done, total))
-        lines = rows(work, numbers, jobs or len(os.sched_getaffinity(0)), done)
+        lines = rows(work, numbers, jobs or len(os.sched_getaffinity(0)), done, executor)
         return Sweep(lines, len(all_axes), manifest)
     told = None if progress is None else lambda done, total: progress(Progress(done, total))
     text = _native.sweep(

@@ -1,12 +1,13 @@
 //! `metamorph sweep`: one scenario with many seeds and varied values, on the simulated link.
 //!
 //! `grid` lists the runs, `pool` executes them, `row` is the result of one, `store` keeps them in a
-//! directory, `summary` and `statistics` aggregate them, `table` and `page` show them (`plots` draws).
+//! directory, `join` makes one sweep of parts, `summary` and `statistics` aggregate them, `table` and `page` show them (`plots` draws).
 //!
 //! *Invariant.* Results depend on the scenario, the seeds and the variations only: not on the number of
 //! threads, the machine, or interruptions of the sweep. Absent: the process link, where runs are not
 //! deterministic and concurrent runs on one machine disturb each other.
 
+pub mod join;
 pub mod page;
 pub mod plot;
 pub mod pool;
@@ -25,7 +26,7 @@ use metamorph_console::terminal::{Channel, Live};
 use metamorph_processes::family::{read_text, sources};
 use metamorph_scenario::diagnostics::Diagnostics;
 use metamorph_scenario::error::ScenarioError;
-use metamorph_scenario::grid::{Axis, Grid, GridError, Seeds};
+use metamorph_scenario::grid::{Axis, Grid, GridError, Part, Seeds};
 use metamorph_scenario::{LinkKind, Loaded, Overrides, Plan, load, quote};
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_text::command_error::{BAD_USAGE, CommandError, FAILED};
@@ -74,6 +75,9 @@ pub enum SweepError {
     /// A file beside the runs cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
+    /// Parts cannot be joined.
+    #[error(transparent)]
+    Join(#[from] join::JoinError),
     /// Signals cannot be caught.
     #[error("cannot listen for Ctrl-C: {0}")]
     Signals(io::Error),
@@ -99,6 +103,7 @@ impl CommandError for SweepError {
             | SweepError::NoStart { .. } => BAD_USAGE,
             SweepError::Store(StoreError::Write { .. }) => FAILED,
             SweepError::Store(_) => BAD_USAGE,
+            SweepError::Join(error) => error.exit_code(),
             SweepError::Output(error) => error.exit_code(),
             SweepError::Signals(_) | SweepError::Defect(_) => FAILED,
         }
@@ -145,34 +150,17 @@ impl Scenario {
 
     /// Returns the manifest that identifies a sweep of this scenario.
     pub fn manifest(&self, grid: &Grid) -> Manifest {
-        Manifest::new(&self.name(), &self.text, self.overrides.options(), grid)
+        let plan = self.plan(grid, 0).ok();
+        let mut manifest = Manifest::new(&self.name(), &self.text, self.overrides.options(), grid);
+        if let Some(plan) = plan {
+            (manifest.title, manifest.description) = (plan.title(), plan.description);
+        }
+        manifest
     }
 
     /// Returns the scenario's name for output that is passed on.
     pub fn name(&self) -> String {
         portable(Path::new(&self.origin))
-    }
-
-    /// Returns the page of the results.
-    fn page(&self, grid: &Grid, summary: &Summary) -> String {
-        // Invariant: every combination was read before the first run.
-        let plan = self.plan(grid, 0).ok();
-        let context = Context {
-            title: &plan.as_ref().map_or_else(|| self.name(), Plan::title),
-            description: plan.as_ref().and_then(|p| p.description.as_deref()),
-            scenario: &self.text,
-            command: &self.command(self.name(), grid),
-        };
-        page::page(summary, &context)
-    }
-
-    /// Returns the command that gives the same results from the file of this name.
-    fn command(&self, file: String, grid: &Grid) -> String {
-        let mut words = vec![quote(program::name().to_owned()), "sweep".to_owned(), quote(file)];
-        words.extend(["--seeds".to_owned(), grid.seeds.to_string()]);
-        words.extend(grid.vary.iter().flat_map(|v| ["--vary".to_owned(), quote(v.to_string())]));
-        words.extend(self.overrides.options().into_iter().map(quote));
-        words.join(" ")
     }
 
     /// Returns the command that repeats one run.
@@ -183,6 +171,27 @@ impl Scenario {
         let changes = self.changes(grid, grid.combination(run)).options();
         std::iter::once(command).chain(changes.into_iter().map(quote)).collect::<Vec<_>>().join(" ")
     }
+}
+
+/// Returns the page of the results of a sweep.
+fn page_of(manifest: &Manifest, summary: &Summary) -> String {
+    let context = Context {
+        title: &manifest.title,
+        description: manifest.description.as_deref(),
+        scenario: &manifest.text,
+        command: &command_of(manifest, manifest.scenario.clone()),
+    };
+    page::page(summary, &context)
+}
+
+/// Returns the command that gives the same results from the file of this name.
+fn command_of(manifest: &Manifest, file: String) -> String {
+    let Manifest { grid, options, .. } = manifest;
+    let mut words = vec![quote(program::name().to_owned()), "sweep".to_owned(), quote(file)];
+    words.extend(["--seeds".to_owned(), grid.seeds.to_string()]);
+    words.extend(grid.vary.iter().flat_map(|v| ["--vary".to_owned(), quote(v.to_string())]));
+    words.extend(options.iter().cloned().map(quote));
+    words.join(" ")
 }
 
 /// Formats a combination as options.
@@ -206,8 +215,10 @@ pub struct Request {
     pub jobs: NonZeroUsize,
     /// The directory for the results.
     pub out: Option<PathBuf>,
-    /// True to resume the sweep in the directory.
+    /// True to resume the sweep in the directory, or to begin it there.
     pub resume: bool,
+    /// The part of the runs to execute: `I/N`.
+    pub part: Option<String>,
     /// True to print errors only.
     pub quiet: bool,
 }
@@ -218,7 +229,9 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
     let scenario = Scenario { origin, text, overrides: request.overrides.clone() };
     let vary = request.vary.iter().map(|text| Axis::parse(text)).collect::<Result<Vec<_>, _>>()?;
     let grid = Grid::new(Seeds::parse(&request.seeds)?, vary)?;
+    let part = request.part.as_deref().map_or(Ok(Part::WHOLE), Part::parse)?;
     scenario.check(&grid)?;
+    let manifest = scenario.manifest(&grid).of_part(part);
     let mut outputs = Outputs::new();
     outputs.reads("the scenario", Path::new(&scenario.origin));
     for file in scenario.plan(&grid, 0).map(|plan| plan.files).unwrap_or_default() {
@@ -230,7 +243,6 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
     let (store, done) = match &request.out {
         None => (None, Done::default()),
         Some(dir) => {
-            let manifest = scenario.manifest(&grid);
             let (store, done) = if request.resume {
                 Store::resume(dir, &manifest, |run, row| tallies.add(grid.combination(run), row))?
             } else {
@@ -239,14 +251,18 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
             (Some(store), done)
         }
     };
-    let results = request.out.as_deref().map(|dir| Results::of(dir, &mut outputs)).transpose()?;
+    // A part has runs only; the rest is of the whole, and is written when all parts are joined.
+    let of_whole = request.out.as_deref().filter(|_| part.is_whole());
+    let results = of_whole.map(|dir| Results::of(dir, &mut outputs)).transpose()?;
     let since = Stopwatch::start();
-    let before = done.before + done.ahead.len() as u64;
+    let before = done.runs();
     let jobs = request.jobs;
-    let tallies = run(&scenario, &grid, Progress { store, done, tallies }, jobs, &interrupt, !request.quiet)?;
-    let summary = tallies.summary(&scenario.name(), &grid);
+    let progress = Progress { store, done, tallies, part };
+    let tallies = run(&scenario, &grid, progress, jobs, &interrupt, !request.quiet)?;
+    let mut summary = tallies.summary(&scenario.name(), &grid);
+    summary.runs_planned = part.runs(&grid);
     if let Some(results) = &results {
-        results.write(&scenario, &grid, &summary)?;
+        results.write(&manifest, &summary)?;
     }
     let channel = if request.quiet { Channel::Quiet } else { Channel::Out };
     let new = summary.runs - before;
@@ -258,7 +274,7 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
         seconds(took),
         many(jobs.get() as u64, "thread"),
         rate(new, took),
-        ending(request, &scenario.command(scenario.origin.clone(), &grid), &summary),
+        ending(request, part, &command_of(&manifest, scenario.origin.clone()), &summary),
     ));
     Ok(match () {
         () if summary.runs < summary.runs_planned => Outcome::Aborted.exit_code(),
@@ -267,17 +283,41 @@ pub fn sweep(request: &Request) -> Result<u8, SweepError> {
     })
 }
 
+/// Joins the parts in these directories into a new or empty one, and returns the exit code.
+///
+/// # Errors
+/// See [`join::join`].
+pub fn join_parts(parts: &[PathBuf], out: &Path, quiet: bool) -> Result<u8, SweepError> {
+    let summary = join::join(parts, out)?;
+    let channel = if quiet { Channel::Quiet } else { Channel::Out };
+    channel.say(&format!(
+        "{}\n  {} of {}\n  every run and a report are in {}",
+        table::table(&summary, channel.paint()),
+        many(summary.runs, "run"),
+        many(parts.len() as u64, "part"),
+        out.shown()
+    ));
+    Ok(if summary.violations > 0 { Outcome::Unsafe.exit_code() } else { 0 })
+}
+
 /// Says where the results are, and how to resume if some are missing.
-fn ending(request: &Request, command: &str, summary: &Summary) -> String {
+fn ending(request: &Request, part: Part, command: &str, summary: &Summary) -> String {
     let missing = summary.runs_planned - summary.runs;
+    let of_part = if part.is_whole() { String::new() } else { format!(" --part {part}") };
     match (&request.out, missing) {
         (None, 0) => "  nothing is kept; --out DIR keeps every run".to_owned(),
         (None, n) => {
             format!("  interrupted: {} not done, and nothing is kept without --out DIR", many(n, "run"))
         }
-        (Some(dir), 0) => format!("  every run and a report are in {}", dir.shown()),
+        (Some(dir), 0) if part.is_whole() => format!("  every run and a report are in {}", dir.shown()),
+        (Some(dir), 0) => format!(
+            "  the runs of the part {part} are in {}; join all {} with  {} sweep --join DIR... --out DIR",
+            dir.shown(),
+            count(part.of()),
+            program::name()
+        ),
         (Some(dir), n) => format!(
-            "  interrupted: {} still to be done, everything else is kept\n  resume with  {command} --out {} --resume",
+            "  interrupted: {} still to be done, everything else is kept\n  resume with  {command}{of_part} --out {} --resume",
             many(n, "run"),
             quote(dir.display().to_string())
         ),
@@ -300,9 +340,9 @@ impl Results {
     }
 
     /// Writes the summary and the page.
-    pub fn write(&self, scenario: &Scenario, grid: &Grid, summary: &Summary) -> Result<(), OutputError> {
+    pub fn write(&self, manifest: &Manifest, summary: &Summary) -> Result<(), OutputError> {
         self.summary.write(json(summary) + "\n")?;
-        self.page.write(scenario.page(grid, summary))
+        self.page.write(page_of(manifest, summary))
     }
 }
 
@@ -312,14 +352,16 @@ pub struct Progress {
     pub store: Option<Store>,
     /// Runs done before.
     pub done: Done,
-    /// Counts of the first runs, as many as `done.before`. Those of `done.ahead` are counted in their turn.
+    /// Counts of the first runs, as many as `done.count`. Those of `done.ahead` are counted in their turn.
     pub tallies: Tallies,
+    /// The part of the runs to execute.
+    pub part: Part,
 }
 
 impl Progress {
     /// Returns the progress of a sweep that has not begun.
     pub fn new(grid: &Grid, store: Option<Store>) -> Progress {
-        Progress { store, done: Done::default(), tallies: Tallies::new(grid) }
+        Progress { store, done: Done::default(), tallies: Tallies::new(grid), part: Part::WHOLE }
     }
 }
 
@@ -332,12 +374,12 @@ pub fn run(
     interrupt: &Interrupt,
     show: bool,
 ) -> Result<Tallies, SweepError> {
-    let Progress { mut store, done, mut tallies } = progress;
+    let Progress { mut store, done, mut tallies, part } = progress;
     let already: BTreeSet<u64> = done.ahead.keys().copied().collect();
-    let work = Work { scenario, grid, first: done.before, done: &already, jobs, interrupt };
-    let (mut next, mut waiting) = (done.before, done.ahead);
+    let work = Work { scenario, grid, part, first: done.before, done: &already, jobs, interrupt };
+    let (mut ended, begun, all) = (done.count, done.runs(), part.runs(grid));
+    let (mut next, mut waiting) = (part.next(grid, done.before), done.ahead);
     let (since, mut live, mut flushed) = (Stopwatch::start(), Live::new(show), Stopwatch::start());
-    let begun = next + waiting.len() as u64;
     pool::run(work, |news| {
         match news {
             News::Row(run, row) => {
@@ -355,7 +397,7 @@ pub fn run(
             if let Some(store) = &mut store {
                 store.write(next, &row)?;
             }
-            next += 1;
+            (next, ended) = (part.next(grid, next + 1), ended + 1);
         }
         if flushed.elapsed() > FLUSH
             && let Some(store) = &mut store
@@ -364,13 +406,7 @@ pub fn run(
             flushed = Stopwatch::start();
         }
         live.show(|| {
-            bar(
-                begun,
-                next + waiting.len() as u64,
-                grid.runs(),
-                tallies.totals().1,
-                since.elapsed().as_secs_f64(),
-            )
+            bar(begun, ended + waiting.len() as u64, all, tallies.totals().1, since.elapsed().as_secs_f64())
         });
         Ok(())
     })?;

@@ -11,7 +11,7 @@ use metamorph_console::stopwatch::Stopwatch;
 use metamorph_processes::family::simulate;
 use metamorph_scenario::Plan;
 use metamorph_scenario::error::ScenarioError;
-use metamorph_scenario::grid::Grid;
+use metamorph_scenario::grid::{Grid, Part};
 use metamorph_sim_bridge::director::outcome::Outcome;
 use std::collections::BTreeSet;
 use std::num::NonZeroUsize;
@@ -31,8 +31,10 @@ const QUEUED_MAX: usize = 10_000;
 pub struct Work<'a> {
     /// The scenario.
     pub scenario: &'a Scenario,
-    /// All runs.
+    /// All runs of the sweep.
     pub grid: &'a Grid,
+    /// The part of them to execute.
+    pub part: Part,
     /// The first run to execute.
     pub first: u64,
     /// Later runs that are already done.
@@ -86,7 +88,7 @@ fn labour(work: Work<'_>, next: &AtomicU64, sender: &SyncSender<News>) {
         if run >= work.grid.runs() {
             break;
         }
-        if work.done.contains(&run) {
+        if !work.part.has(work.grid, run) || work.done.contains(&run) {
             continue;
         }
         let (combination, seed) = (work.grid.combination(run), work.grid.seed(run));

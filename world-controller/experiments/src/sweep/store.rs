@@ -1,4 +1,7 @@
-//! The directory of a sweep: its request (`manifest.json`) and every run (`runs.csv`).
+//! The directory of a sweep, or of a part of one: its request (`manifest.json`) and every run (`runs.csv`).
+//!
+//! When a sweep gets more seeds, the runs have other numbers. They are written to `runs.csv.new` first, then the manifest is
+//! replaced, then the runs: resuming completes or repeats that, wherever it was interrupted.
 //!
 //! Lines of `runs.csv` are in the order of the runs. Only after an interruption may lines with gaps follow
 //! the first missing run; resuming reads them into memory, and writes them again in their place. A last line
@@ -10,7 +13,7 @@ use metamorph_console::output::{OutputError, Outputs};
 use metamorph_console::output_kind::OutputKind;
 use metamorph_module_agent::regular_file;
 use metamorph_scenario::error::MAX_BYTES;
-use metamorph_scenario::grid::Grid;
+use metamorph_scenario::grid::{Grid, GridError, Part, Seeds};
 use metamorph_text::escape::{Shown, json};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -22,11 +25,13 @@ use thiserror::Error;
 /// The name of the format.
 const FORMAT: &str = "metamorph-sweep";
 /// The version of the directory's layout, `runs.csv` included.
-pub const VERSION: u32 = 5;
+pub const VERSION: u32 = 6;
 /// File name of the manifest.
 const MANIFEST: &str = "manifest.json";
 /// File name of the runs.
 pub const RUNS: &str = "runs.csv";
+/// File name of the runs of a sweep that gets more seeds, until its manifest says so.
+const NEW_RUNS: &str = "runs.csv.new";
 
 /// Bytes of a manifest at most: it contains a scenario in which every byte may be escaped.
 const LONGEST: u64 = 6 * MAX_BYTES + (1 << 20);
@@ -43,8 +48,8 @@ pub enum StoreError {
         /// True if it contains a sweep.
         resumable: bool,
     },
-    /// There is no sweep to resume.
-    #[error("--out {}: there is no sweep to resume, because {} is missing\n  fix: leave --resume out to start one", .0.shown(), MANIFEST)]
+    /// There is no sweep.
+    #[error("{}: there is no sweep, because {} is missing\n  fix: name a directory that `metamorph sweep --out` has written", .0.shown(), MANIFEST)]
     Nothing(PathBuf),
     /// The manifest is damaged or of another kind.
     #[error("{}: this is not the manifest of a sweep: {reason}\n  fix: name another directory with --out and start anew without --resume", .path.shown())]
@@ -74,6 +79,16 @@ pub enum StoreError {
         theirs: String,
         /// The value requested.
         ours: String,
+    },
+    /// A part cannot get more seeds, since its runs of the new seeds may be in other parts.
+    #[error("--out {}: the part there has the seeds {theirs}, and {ours} are wanted\n  fix: resume it with its own seeds; join all parts with --join, and add seeds to the whole", .dir.shown())]
+    LongerPart {
+        /// The directory.
+        dir: PathBuf,
+        /// The seeds there.
+        theirs: Seeds,
+        /// The seeds requested.
+        ours: Seeds,
     },
     /// Another process writes to the directory.
     #[error("--out {}: another sweep is writing there\n  fix: wait until it has ended, or name another directory", .0.shown())]
@@ -117,14 +132,21 @@ pub struct Manifest {
     /// The version of the program: another one may give other results.
     program: String,
     /// The file of the scenario, as named by the user.
-    scenario: String,
+    pub scenario: String,
+    /// The name of the scenario, or its file.
+    pub title: String,
+    /// The description of the scenario.
+    pub description: Option<String>,
     /// The text of the scenario.
-    text: String,
+    pub text: String,
     /// The options that change it in all runs.
-    options: Vec<String>,
+    pub options: Vec<String>,
+    /// Which part of the runs is in this directory; left out if all are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    part: Option<String>,
     /// All runs.
     #[serde(flatten)]
-    grid: Grid,
+    pub grid: Grid,
 }
 
 /// The part of every manifest that does not depend on its version.
@@ -135,6 +157,10 @@ struct Stamp {
 }
 
 impl Manifest {
+    fn write(&self, dir: &Path) -> Result<(), StoreError> {
+        let output = Outputs::new().writes("--out", &dir.join(MANIFEST), OutputKind::Any)?;
+        Ok(output.write(self.text())?)
+    }
     /// Returns the text of its file.
     pub fn text(&self) -> String {
         json(self) + "\n"
@@ -146,13 +172,27 @@ impl Manifest {
             version: VERSION,
             program: metamorph_text::version::version().to_owned(),
             scenario: scenario.to_owned(),
+            title: scenario.to_owned(),
+            description: None,
             text: text.to_owned(),
             options,
+            part: None,
             grid: grid.clone(),
         }
     }
 
-    fn read(dir: &Path) -> Result<Manifest, StoreError> {
+    /// Returns the manifest of a part of the sweep, or of the whole.
+    pub fn of_part(&self, part: Part) -> Manifest {
+        Manifest { part: (!part.is_whole()).then(|| part.to_string()), ..self.clone() }
+    }
+
+    /// Returns which part of the runs its directory has.
+    pub fn part(&self) -> Result<Part, GridError> {
+        self.part.as_deref().map_or(Ok(Part::WHOLE), Part::parse)
+    }
+
+    /// Reads the manifest of a directory.
+    pub fn read(dir: &Path) -> Result<Manifest, StoreError> {
         let path = dir.join(MANIFEST);
         let bytes = match regular_file::read(&path, LONGEST) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
@@ -169,14 +209,38 @@ impl Manifest {
         if stamp.version != VERSION {
             return Err(StoreError::Version { path, found: stamp.version });
         }
-        serde_json::from_slice(&bytes).map_err(|e| wrong(e.to_string()))
+        let manifest: Manifest = serde_json::from_slice(&bytes).map_err(|e| wrong(e.to_string()))?;
+        manifest.part().map_err(|e| wrong(e.to_string()))?;
+        Ok(manifest)
     }
 
-    /// The directory of the scenario file does not matter.
-    fn must_be(&self, ours: &Manifest, dir: &Path) -> Result<(), StoreError> {
+    /// True if the other sweep has the same runs and more seeds.
+    fn is_begun_of(&self, longer: &Manifest) -> bool {
+        let (theirs, ours) = (self.grid.seeds, longer.grid.seeds);
+        theirs.from == ours.from && theirs.until < ours.until
+    }
+
+    /// Checks that this is the manifest of a part of the same sweep as `first`.
+    pub fn must_be_of(&self, first: &Manifest, dir: &Path) -> Result<(), StoreError> {
+        let same = Manifest { part: self.part.clone(), ..first.clone() };
+        self.must_be(&same, dir)?;
+        let (theirs, ours) = (self.grid.seeds, first.grid.seeds);
+        if theirs == ours {
+            return Ok(());
+        }
+        let (what, theirs, ours) = ("other seeds", theirs.to_string(), ours.to_string());
+        Err(StoreError::Different { dir: dir.into(), what, theirs, ours })
+    }
+
+    /// Compares all but the number of seeds, which may grow. The directory of the scenario file does not matter.
+    pub fn must_be(&self, ours: &Manifest, dir: &Path) -> Result<(), StoreError> {
         let differ = |what, theirs: String, ours: String| {
             Err(StoreError::Different { dir: dir.into(), what, theirs, ours })
         };
+        if self.part != ours.part {
+            let name = |m: &Manifest| m.part.clone().unwrap_or_else(|| "the whole".to_owned());
+            return differ("another part", name(self), name(ours));
+        }
         let vary = |m: &Manifest| match m.grid.vary.len() {
             0 => "none".to_owned(),
             _ => m.grid.vary.iter().map(|axis| format!("--vary {axis}")).collect::<Vec<_>>().join(" "),
@@ -193,7 +257,7 @@ impl Manifest {
         if self.grid.vary != ours.grid.vary {
             return differ("other variations", vary(self), vary(ours));
         }
-        if self.grid.seeds != ours.grid.seeds {
+        if self.grid.seeds != ours.grid.seeds && !self.is_begun_of(ours) {
             return differ("other seeds", self.grid.seeds.to_string(), ours.grid.seeds.to_string());
         }
         if self.program != ours.program {
@@ -214,31 +278,61 @@ pub struct Store {
 /// Runs done before.
 #[derive(Debug, Default)]
 pub struct Done {
-    /// Number of consecutive runs from the first on.
+    /// Every run of the part before this one is done.
     pub before: u64,
+    /// Number of these runs.
+    pub count: u64,
     /// Later runs, which are not in the file any more and will be written in their place.
     pub ahead: BTreeMap<u64, Row>,
+}
+
+impl Done {
+    /// Returns the number of runs done.
+    pub fn runs(&self) -> u64 {
+        self.count + self.ahead.len() as u64
+    }
 }
 
 impl Store {
     /// Creates a sweep in a new or empty directory.
     pub fn create(dir: &Path, manifest: &Manifest) -> Result<Store, StoreError> {
         create_directory(dir)?;
-        Outputs::new().writes("--out", &dir.join(MANIFEST), OutputKind::Any)?.write(manifest.text())?;
-        Store::open(dir, &manifest.grid, |_, _| {}).map(|(store, _)| store)
+        manifest.write(dir)?;
+        Store::open(dir, manifest, |_, _| {}).map(|(store, _)| store)
     }
 
-    /// Resumes a sweep. `seen` is called with every run that stays in the file.
+    /// Resumes a sweep, or begins it where nothing is yet. It may have more seeds than it had before. `seen` is called with every
+    /// run that stays in the file.
     pub fn resume(
         dir: &Path,
         manifest: &Manifest,
         seen: impl FnMut(u64, &Row),
     ) -> Result<(Store, Done), StoreError> {
-        Manifest::read(dir)?.must_be(manifest, dir)?;
-        Store::open(dir, &manifest.grid, seen)
+        let there = match Manifest::read(dir) {
+            Err(StoreError::Nothing(_)) => return Ok((Store::create(dir, manifest)?, Done::default())),
+            there => there?,
+        };
+        there.must_be(manifest, dir)?;
+        let new = dir.join(NEW_RUNS);
+        if there.is_begun_of(manifest) {
+            if !manifest.part().is_ok_and(Part::is_whole) {
+                let (theirs, ours) = (there.grid.seeds, manifest.grid.seeds);
+                return Err(StoreError::LongerPart { dir: dir.into(), theirs, ours });
+            }
+            lengthen(dir, &there, manifest)?;
+        }
+        if new.exists() {
+            fs::rename(&new, dir.join(RUNS)).map_err(|error| StoreError::File { path: new, error })?;
+        }
+        Store::open(dir, manifest, seen)
     }
 
-    fn open(dir: &Path, grid: &Grid, seen: impl FnMut(u64, &Row)) -> Result<(Store, Done), StoreError> {
+    fn open(
+        dir: &Path,
+        manifest: &Manifest,
+        seen: impl FnMut(u64, &Row),
+    ) -> Result<(Store, Done), StoreError> {
+        let grid = &manifest.grid;
         let path = dir.join(RUNS);
         let failed = |error| StoreError::File { path: path.clone(), error };
         let options = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
@@ -247,12 +341,8 @@ impl Store {
         if !file.metadata().map_err(failed)?.is_file() {
             return Err(failed(io::Error::other("it is not a regular file")));
         }
-        match file.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => return Err(StoreError::Busy(dir.into())),
-            Err(TryLockError::Error(error)) => return Err(failed(error)),
-        }
-        let (done, end) = scan(&file, &path, grid, seen)?;
+        lock(&file, dir, &path)?;
+        let (done, end) = scan(&file, &path, manifest, seen)?;
         file.set_len(end).map_err(failed)?;
         file.seek(SeekFrom::Start(end)).map_err(failed)?;
         let out = csv::WriterBuilder::new().has_headers(false).buffer_capacity(1 << 16).from_writer(file);
@@ -279,6 +369,37 @@ impl Store {
         let error = |e: csv::Error| StoreError::Write { path: self.path.clone(), error: e.into() };
         written.map_err(error)
     }
+}
+
+/// Locks the runs of a directory.
+fn lock(file: &File, dir: &Path, path: &Path) -> Result<(), StoreError> {
+    match file.try_lock() {
+        Ok(()) => Ok(()),
+        Err(TryLockError::WouldBlock) => Err(StoreError::Busy(dir.into())),
+        Err(TryLockError::Error(error)) => Err(StoreError::File { path: path.to_owned(), error }),
+    }
+}
+
+/// Gives the sweep in a directory more seeds: its runs get the numbers that they have in the longer one.
+fn lengthen(dir: &Path, shorter: &Manifest, longer: &Manifest) -> Result<(), StoreError> {
+    let (path, new) = (dir.join(RUNS), dir.join(NEW_RUNS));
+    let failed = |error| StoreError::File { path: path.clone(), error };
+    let written = |error: io::Error| StoreError::Write { path: new.clone(), error };
+    let file = regular_file::open(&path).map_err(failed)?;
+    lock(&file, dir, &path)?;
+    let (old, grid) = (&shorter.grid, &longer.grid);
+    let renumbered = |run| old.combination(run) * grid.seeds.len() + (old.seed(run) - old.seeds.from);
+    let mut rows = BTreeMap::new();
+    let (done, _) = scan(&file, &path, shorter, |run, row| _ = rows.insert(renumbered(run), row.clone()))?;
+    rows.extend(done.ahead.into_iter().map(|(run, row)| (renumbered(run), row)));
+    let out = File::create(&new).map_err(written)?;
+    let mut out = csv::WriterBuilder::new().has_headers(false).buffer_capacity(1 << 16).from_writer(out);
+    let lines = row::write_header(&mut out, grid)
+        .and_then(|()| rows.iter().try_for_each(|(run, row)| row::write(&mut out, grid, *run, row)));
+    lines.map_err(|e| written(e.into()))?;
+    let out = out.into_inner().map_err(|e| written(e.into_error()))?;
+    out.sync_all().map_err(written)?;
+    longer.write(dir)
 }
 
 /// Creates a directory for results, or accepts an empty one.
@@ -310,24 +431,37 @@ pub struct Runs {
 ///
 /// The directory has no sweep of this version, or its runs are damaged.
 pub fn read_runs(dir: &Path) -> Result<Runs, StoreError> {
-    let Manifest { scenario, grid, .. } = Manifest::read(dir)?;
+    let manifest = Manifest::read(dir)?;
+    let grid = &manifest.grid;
+    let values = |run| grid.values(grid.combination(run)).into_iter().map(str::to_owned).collect();
+    let rows = rows_of(dir, &manifest)?.into_iter().map(|(run, row)| (values(run), row)).collect();
+    let keys = grid.vary.iter().map(|axis| axis.key.clone()).collect();
+    Ok(Runs { scenario: manifest.scenario.clone(), keys, planned: grid.runs(), rows })
+}
+
+/// Reads the runs in the directory of this manifest.
+///
+/// # Errors
+///
+/// They are damaged, or a sweep is writing there.
+pub fn rows_of(dir: &Path, manifest: &Manifest) -> Result<BTreeMap<u64, Row>, StoreError> {
     let path = dir.join(RUNS);
     let file = regular_file::open(&path).map_err(|error| StoreError::File { path: path.clone(), error })?;
-    let values = |run| grid.values(grid.combination(run)).into_iter().map(str::to_owned).collect();
-    let mut rows = Vec::new();
-    let (done, _) = scan(&file, &path, &grid, |run, row| rows.push((values(run), row.clone())))?;
-    rows.extend(done.ahead.into_iter().map(|(run, row)| (values(run), row)));
-    let keys = grid.vary.iter().map(|axis| axis.key.clone()).collect();
-    Ok(Runs { scenario, keys, planned: grid.runs(), rows })
+    let mut rows = BTreeMap::new();
+    let (done, _) = scan(&file, &path, manifest, |run, row| _ = rows.insert(run, row.clone()))?;
+    rows.extend(done.ahead);
+    Ok(rows)
 }
 
 /// Reads the runs of the file. Returns those done, and the offset of the first gap or torn line.
 fn scan(
     file: &File,
     path: &Path,
-    grid: &Grid,
+    manifest: &Manifest,
     mut seen: impl FnMut(u64, &Row),
 ) -> Result<(Done, u64), StoreError> {
+    // Invariant: the part of a manifest is checked when it is read.
+    let (grid, part) = (&manifest.grid, manifest.part().unwrap_or(Part::WHOLE));
     let mut expected_header = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
     // Invariant: writing to memory does not fail.
     let _ = row::write_header(&mut expected_header, grid);
@@ -353,11 +487,14 @@ fn scan(
             continue;
         }
         let (run, row) = row::read(&line, grid).map_err(|e: RowError| wrong(e.to_string()))?;
+        if !part.has(grid, run) {
+            return Err(wrong(format!("run {run} is not of the part {part}")));
+        }
         let last = done.ahead.last_key_value().map(|(run, _)| *run);
         match last {
-            None if run == done.before => {
+            None if run == part.next(grid, done.before) => {
                 seen(run, &row);
-                done.before += 1;
+                (done.before, done.count) = (run + 1, done.count + 1);
                 end += length as u64;
             }
             None if run < done.before => return Err(wrong(format!("run {run} is there twice"))),
@@ -453,6 +590,37 @@ mod tests {
         }
     }
 
+    /// Wherever the change to more seeds is interrupted, resuming keeps all runs, each with its new number.
+    #[test]
+    fn runs_are_kept_when_seeds_are_added() {
+        let longer = Manifest { grid: Grid { seeds: Seeds { from: 10, until: 15 }, ..grid() }, ..manifest() };
+        let resumed = |dir: &Path| -> BTreeMap<u64, u64> {
+            let mut seeds = BTreeMap::new();
+            let (_, done) = Store::resume(dir, &longer, |run, row| _ = seeds.insert(run, row.seed)).unwrap();
+            seeds.extend(done.ahead.iter().map(|(run, row)| (*run, row.seed)));
+            assert_eq!(done.runs(), seeds.len() as u64);
+            seeds
+        };
+        let expected = BTreeMap::from([(0, 10), (1, 11), (2, 12), (5, 10), (6, 11)]);
+        let begun = |done: &dyn Fn(&Path)| {
+            let dir = tempfile::tempdir().unwrap();
+            write(&mut Store::create(dir.path(), &manifest()).unwrap(), &[0, 1, 2, 3, 4]);
+            done(dir.path());
+            assert_eq!(resumed(dir.path()), expected);
+            assert!(!dir.path().join(NEW_RUNS).exists());
+        };
+        begun(&|_| ());
+        // A torn file of new runs, beside the old manifest.
+        begun(&|dir| fs::write(dir.join(NEW_RUNS), "run,li").unwrap());
+        // The new manifest, and the new runs not in their place yet.
+        begun(&|dir| lengthen(dir, &manifest(), &longer).unwrap());
+        let dir = tempfile::tempdir().unwrap();
+        let part = Part::parse("1/2").unwrap();
+        drop(Store::create(dir.path(), &manifest().of_part(part)).unwrap());
+        let error = Store::resume(dir.path(), &longer.of_part(part), |_, _| {}).unwrap_err().to_string();
+        assert!(error.contains("10..13") && error.contains("--join"), "{error}");
+    }
+
     #[test]
     fn only_the_same_sweep_goes_on() {
         let dir = tempfile::tempdir().unwrap();
@@ -466,10 +634,10 @@ mod tests {
         drop(store);
         resume(&Manifest::new("elsewhere/a.toml", "version = 1\n", Vec::new(), &grid())).unwrap();
         refused(&Manifest::new("a.toml", "version = 1 \n", Vec::new(), &grid()), "another scenario");
-        let more = Grid { seeds: Seeds { from: 10, until: 14 }, ..grid() };
+        let fewer = Grid { seeds: Seeds { from: 10, until: 12 }, ..grid() };
         refused(
-            &Manifest::new("a.toml", "version = 1\n", Vec::new(), &more),
-            "other seeds: 10..13 there, 10..14 here",
+            &Manifest::new("a.toml", "version = 1\n", Vec::new(), &fewer),
+            "other seeds: 10..13 there, 10..12 here",
         );
         let none = Grid { vary: vec![], ..grid() };
         refused(
@@ -495,7 +663,7 @@ mod tests {
             refused(&manifest(), part);
         }
         fs::remove_file(&path).unwrap();
-        refused(&manifest(), "no sweep to resume");
+        refused(&manifest(), "the directory is not empty");
         let error = Store::create(dir.path(), &manifest()).unwrap_err().to_string();
         assert!(error.contains("not empty") && !error.contains("--resume"), "{error}");
     }
