@@ -3,11 +3,12 @@
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
 use crate::chaos::{signal_to, wait_until};
-use crate::command::{command, metamorph, root, run};
+use crate::command::{Ran, command, metamorph, root, run};
 use rustix::process::Signal;
 use std::fs;
 use std::net::Ipv4Addr;
-use std::path::PathBuf;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use tempfile::TempDir;
@@ -172,6 +173,103 @@ impl Drop for Machines {
         for daemon in &mut self.daemons {
             let _ = daemon.kill();
             let _ = daemon.wait();
+        }
+        let _ = command(&["clean"]).output();
+    }
+}
+
+/// Two empty machines with a server of ssh, each with a home directory of its own, and this one beside them.
+#[derive(Debug)]
+pub struct SshSite {
+    directory: TempDir,
+    servers: Vec<Child>,
+    network: Network,
+}
+
+impl SshSite {
+    /// Starts the servers, and writes a hosts file.
+    ///
+    /// # Errors
+    /// Returns why that cannot be done on this machine, or with this build of the program.
+    pub fn start() -> Result<SshSite, String> {
+        // sshd is called by its path, since it starts itself again.
+        let sshd = Path::new("/usr/sbin/sshd");
+        if !sshd.exists() {
+            return Err("there is no sshd".into());
+        }
+        if !run(&["cluster", "--help"]).out.contains("SLURM") {
+            return Err("the program is built without links between machines".into());
+        }
+        let network = Network::new(3)?;
+        let directory = tempfile::tempdir().unwrap();
+        let mut site = SshSite { directory, servers: Vec::new(), network };
+        let [id, server, config, bin] = ["id", "server", "sshd_config", "bin"].map(|name| site.text(name));
+        for key in [&id, &server] {
+            let made = Command::new("ssh-keygen").args(["-q", "-t", "ed25519", "-N", "", "-f", key]).status();
+            if !made.is_ok_and(|status| status.success()) {
+                return Err("ssh-keygen makes no keys".into());
+            }
+        }
+        let settings = format!(
+            "HostKey {server}\nAuthorizedKeysFile {id}.pub\nPermitRootLogin yes\nStrictModes no\nUsePAM no\nPidFile none\n"
+        );
+        fs::write(&config, settings).unwrap();
+        fs::create_dir_all("/run/sshd").map_err(|e| e.to_string())?;
+        let mut text = "version = 1\nkeys = \"keys\"\nclock_error = \"20ms\"\n[[host]]\nname = \"h1\"\naddress = \"local\"\n".to_owned();
+        for host in 2..=3 {
+            let home =
+                "mount --make-rprivate / && mount -t tmpfs tmpfs \"$HOME\" && exec /usr/sbin/sshd -D -f";
+            let server = Command::new("ip")
+                .args(["netns", "exec", &site.network.namespace(host), "unshare", "--mount", "sh", "-c"])
+                .arg(format!("{home} {config}"))
+                .stdin(Stdio::null())
+                .stderr(Stdio::null())
+                .spawn();
+            site.servers.push(server.map_err(|e| e.to_string())?);
+            text += &format!("[[host]]\nname = \"h{host}\"\naddress = \"{}:{PORT}\"\n", address(host));
+        }
+        fs::write(site.path("hosts.toml"), text).unwrap();
+        fs::create_dir(&bin).unwrap();
+        let ssh = format!(
+            "#!/bin/sh\nexec /usr/bin/ssh -i {id} -o StrictHostKeyChecking=no -o UserKnownHostsFile=/dev/null -o LogLevel=ERROR \"$@\"\n"
+        );
+        fs::write(site.path("bin").join("ssh"), ssh).unwrap();
+        fs::set_permissions(site.path("bin").join("ssh"), fs::Permissions::from_mode(0o755)).unwrap();
+        wait_until("the servers to answer", || {
+            (2..=3).all(|host| {
+                let mut call = Command::new("ip");
+                call.args(["netns", "exec", &site.network.namespace(1)]).arg(site.path("bin").join("ssh"));
+                call.args([&format!("{}", address(host)), "true"]).stdin(Stdio::null()).stderr(Stdio::null());
+                call.status().is_ok_and(|status| status.success())
+            })
+        });
+        Ok(site)
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.directory.path().join(name)
+    }
+
+    /// Returns the path of a file beside the hosts file as text.
+    pub fn text(&self, name: &str) -> String {
+        self.path(name).display().to_string()
+    }
+
+    /// Runs `metamorph` with these arguments on this machine, h1.
+    pub fn run(&self, args: &[&str]) -> Ran {
+        let path = std::env::var("PATH").unwrap_or_default();
+        let path = format!("{}:{path}", self.text("bin"));
+        self.network.command(1, args).env("PATH", path).output().expect("`ip` can be started").into()
+    }
+}
+
+impl Drop for SshSite {
+    fn drop(&mut self) {
+        // Daemons of a test that has failed.
+        let _ = self.run(&["cluster", "down", &self.text("hosts.toml")]);
+        for server in &mut self.servers {
+            let _ = server.kill();
+            let _ = server.wait();
         }
         let _ = command(&["clean"]).output();
     }

@@ -4,7 +4,7 @@
 use metamorph_module_agent::journal_file::Reader;
 use metamorph_tests::chaos::wait_until;
 use metamorph_tests::command::{report, run, scenario};
-use metamorph_tests::network::Machines;
+use metamorph_tests::network::{Machines, SshSite};
 use metamorph_tests::required::{Check, skip};
 use metamorph_world_controller::record::journal::{Event, parts_of};
 use std::fs;
@@ -48,4 +48,34 @@ fn a_silent_machine_silences_nobody_else() {
     assert_eq!((report.outcome.as_str(), report.invariants.broken), ("built", 0), "{:?}", report.notes);
     let replayed = run(&["replay", &journal, "--quiet"]);
     assert_eq!(replayed.code, Some(0), "{replayed:?}");
+}
+
+/// From empty machines to a swarm that is built: keys, program and daemons by one command over ssh, twice, and their end.
+#[test]
+fn a_cluster_of_empty_machines_is_started_over_ssh() {
+    let site = match SshSite::start() {
+        Ok(site) => site,
+        Err(why) => return skip(Check::Namespaces, &why),
+    };
+    let hosts = site.text("hosts.toml");
+    let cluster = |action: &str| site.run(&["cluster", action, &hosts]);
+    let ran = cluster("up");
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    for part in
+        ["h2: a new certificate", "program copied, keys copied, daemon started", "serves no run, room for"]
+    {
+        assert!(ran.out.contains(part), "`{part}` is missing: {ran:?}");
+    }
+    // What is there is left alone.
+    let again = cluster("up");
+    assert!(again.code == Some(0) && again.out.matches(": it runs").count() == 2, "{again:?}");
+    let out = site.text("report.json");
+    let swarm = scenario("swarm.toml").display().to_string();
+    let ran = site.run(&["run", &swarm, "--hosts", &hosts, "--json", &out, "--quiet"]);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    assert_eq!(report(&fs::read_to_string(&out).unwrap()).outcome, "built");
+    assert!(cluster("logs").out.contains("is over: it is finished"));
+    let ended = cluster("down");
+    assert!(ended.code == Some(0) && ended.out == "h2: ended\nh3: ended\n", "{ended:?}");
+    assert_eq!(cluster("status").code, Some(1));
 }

@@ -96,7 +96,7 @@ def test_what_has_not_begun_is_cancelled(tmp_path):
 
 
 def test_errors_of_a_part_are_those_of_the_sweep():
-    with ThreadPoolExecutor(1) as executor, pytest.raises(mm.ScenarioError, match="105%"):
+    with ThreadPoolExecutor(1) as executor, pytest.raises(mm.SweepError, match="105%"):
         mm.sweep(SWARM, seeds=range(2), set={"link.loss": "105%"}, executor=executor)
 
 

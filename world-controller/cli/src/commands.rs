@@ -1,5 +1,7 @@
 //! The list of all commands, and the command line that they make.
 
+#[cfg(feature = "hosts")]
+use crate::cluster;
 use crate::exit_codes::{EXIT_CODES, JOURNAL_EXIT_CODES};
 use crate::{
     agent, bench, check, clean, diff, doctor, explore, export, host, learn, licences, new, plan, reference,
@@ -23,6 +25,8 @@ const BUILT_IN: &[&dyn Command] = &[
     &resume::COMMAND,
     &replay::COMMAND,
     &host::COMMAND,
+    #[cfg(feature = "hosts")]
+    &cluster::COMMAND,
     &render::COMMAND,
     &export::COMMAND,
     &shape::COMMAND,

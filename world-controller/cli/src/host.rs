@@ -17,6 +17,7 @@ use metamorph_scenario::Plan;
 use metamorph_text::command_error::{CommandError, FAILED, Failure};
 use metamorph_text::program;
 use std::ffi::OsString;
+use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -47,7 +48,8 @@ Machines are connected with mutual TLS; this needs a program built with `--featu
 #[derive(Debug, Args)]
 pub struct HostArgs {
     /// Where controllers and the daemons of other hosts connect: a machine and port such as 10.0.0.2:7447, or the path
-    /// of a socket, whose directory's permissions control access; it must not be in use. Default: none, it is needed
+    /// of a socket, whose directory's permissions control access; it must not be in use. Port 0 is a free one, which is printed.
+    /// Default: none, it is needed
     /// unless keys are made or a daemon is asked
     #[arg(long, value_name = "ADDRESS|PATH", value_parser = address, required_unless_present_any = ["make_keys", "status"])]
     pub listen: Option<Address>,
@@ -78,6 +80,8 @@ pub struct HostArgs {
 /// Why a command about hosts fails.
 #[derive(Debug, Error)]
 enum HostError {
+    #[error("cannot listen on {0}: {1}\n  fix: name an address of this machine")]
+    Port(String, std::io::Error),
     #[error(transparent)]
     Reach(#[from] ReachError),
     #[error(transparent)]
@@ -99,8 +103,14 @@ enum HostError {
 
 impl CommandError for HostError {}
 
+/// Reads an address or the path of a socket. A port may be 0 here: a free one.
 fn address(text: &str) -> Result<Address, AddressError> {
     let path = Path::new(text);
+    if let Some(machine) = text.strip_suffix(":0")
+        && let Ok(Address::Net { machine, .. }) = format!("{machine}:1").parse()
+    {
+        return Ok(Address::Net { machine, port: 0 });
+    }
     match text.parse() {
         Ok(address) if !text.starts_with('/') => Ok(address),
         Err(e) if !text.contains('/') && text.contains(':') => Err(e),
@@ -126,6 +136,7 @@ pub fn host(args: HostArgs, interrupt: &Interrupt) -> Result<u8, Failure> {
         return Ok(0);
     }
     let Some(address) = args.listen else { return Ok(FAILED) };
+    let address = free_port(address)?;
     let shutdown = Shutdown::new();
     interrupt.begin();
     interrupt.pass_on(&shutdown);
@@ -145,22 +156,39 @@ pub fn host(args: HostArgs, interrupt: &Interrupt) -> Result<u8, Failure> {
     Ok(0)
 }
 
+/// Returns an address with a port that was free a moment ago in place of port 0.
+fn free_port(address: Address) -> Result<Address, HostError> {
+    match address {
+        Address::Net { machine, port: 0 } => {
+            let bound = TcpListener::bind((machine.as_str(), 0)).and_then(|listener| listener.local_addr());
+            let port = bound.map_err(|e| HostError::Port(machine.clone(), e))?.port();
+            Ok(Address::Net { machine, port })
+        }
+        address => Ok(address),
+    }
+}
+
 /// Returns the command line of the agents of a family.
 fn agents(family: &str) -> Option<(PathBuf, Vec<OsString>)> {
     let name = family::named(family)?.name();
     Some((std::env::current_exe().ok()?, program::again(["agent".into(), "--".into(), name.into()])))
 }
 
+/// Returns the hosts of a file, each with the machines under which it is reached.
+#[cfg(feature = "hosts")]
+pub fn machines(file: &HostsFile) -> Vec<(HostId, Vec<String>)> {
+    let machines = file.addresses.iter().map(|address| match address {
+        Address::Net { machine, .. } => vec![machine.clone()],
+        Address::Unix(_) => Vec::new(),
+    });
+    (0u16..).map(HostId).zip(std::iter::once(Vec::new()).chain(machines)).collect()
+}
+
 #[cfg(feature = "hosts")]
 fn make_keys(directory: &Path, hosts: &str, days: u32) -> Result<String, HostError> {
     let path = Path::new(hosts);
     let hosts: Vec<(HostId, Vec<String>)> = if path.is_file() {
-        let file = HostsFile::read(path)?;
-        let machines = file.addresses.iter().map(|address| match address {
-            Address::Net { machine, .. } => vec![machine.clone()],
-            Address::Unix(_) => Vec::new(),
-        });
-        (0u16..).map(HostId).zip(std::iter::once(Vec::new()).chain(machines)).collect()
+        machines(&HostsFile::read(path)?)
     } else {
         let one = |text: &str| {
             let (name, machine) = text.split_once('=').map_or((text, None), |(n, m)| (n, Some(m.to_owned())));
@@ -174,7 +202,7 @@ fn make_keys(directory: &Path, hosts: &str, days: u32) -> Result<String, HostErr
     let shown = directory.display();
     let names: Vec<String> = hosts.iter().map(|(host, _)| host.to_string()).collect();
     Ok(format!(
-        "keys of {} are in {shown}, valid for {days} days\ncopy to each host its own: ca.pem, token, NAME.pem, NAME.key",
+        "keys of {} are in {shown}, valid for {days} days\ncopy to each host its own: ca.pem, token, NAME.pem, NAME.key\n{shown}.ca.key stays here: further certificates are made with it",
         names.join(", ")
     ))
 }

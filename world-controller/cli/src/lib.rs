@@ -9,6 +9,8 @@ mod assemblies;
 mod bench;
 mod check;
 mod clean;
+#[cfg(feature = "hosts")]
+mod cluster;
 pub mod commands;
 mod diff;
 pub mod dispatch;

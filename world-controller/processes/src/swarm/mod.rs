@@ -29,7 +29,9 @@ pub use crate::swarm::hosts::{
     HostsOptions, NetCost, NetCosts, Placement, ReachError, Survey, build, daemon, host_status,
 };
 #[cfg(feature = "hosts")]
-pub use crate::swarm::hosts::{KeysError, NetBenchError, keep_zenoh_on_one_thread, make_keys, measure_net};
+pub use crate::swarm::hosts::{
+    KeysError, NetBenchError, keep_zenoh_on_one_thread, make_keys, measure_net, renew_keys,
+};
 pub use crate::swarm::links::{descriptor_limit, descriptors_needed, room_of_daemon};
 pub use crate::swarm::memory::run_in_memory;
 pub use crate::swarm::meter::Meter;

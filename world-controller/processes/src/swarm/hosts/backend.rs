@@ -213,7 +213,7 @@ impl Shared {
                 "scenario time stands still on {host}: its clock is known to {error} only, and `clock_error` is {}",
                 self.fleet.own.clock_error
             ),
-            ToController::Still(None) => tracing::warn!("scenario time goes on again on {host}"),
+            ToController::Still(None) => tracing::info!("scenario time goes on again on {host}"),
             ToController::Drained => {
                 self.drained.insert(host);
             }

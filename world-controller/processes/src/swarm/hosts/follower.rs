@@ -10,6 +10,8 @@ use metamorph_protocol::time::{Span, Time};
 use std::io;
 use std::path::Path;
 
+/// Shortest standstill of time that is worth a line (ns of real time).
+const STILL_MIN: u64 = 1_000_000_000;
 /// A page that differs from the translated one by less (ns of real time) keeps its speed.
 const NEGLIGIBLE: u64 = 200_000;
 
@@ -21,8 +23,10 @@ pub struct Follower {
     /// The controller's latest page, by its own clock.
     latest: Option<Page>,
     most: Span,
-    /// True while the difference of clocks is too uncertain.
-    is_lost: bool,
+    /// Since when the difference of clocks has been too uncertain.
+    lost_since: Option<u64>,
+    /// True if time has stood still for so long that this was told.
+    is_told: bool,
 }
 
 impl Follower {
@@ -34,7 +38,7 @@ impl Follower {
     pub fn create(root: &Path, most: Span) -> io::Result<Follower> {
         let clock = FileClock::create(root, Time::ZERO)?;
         let page = clock.read_page()?;
-        Ok(Follower { clock, page, latest: None, most, is_lost: false })
+        Ok(Follower { clock, page, latest: None, most, lost_since: None, is_told: false })
     }
 
     /// Takes a page of the controller.
@@ -56,9 +60,11 @@ impl Follower {
         let has_begun = |page: &Page| page.at(page.until()) > Time::ZERO;
         let Some((latest, ahead)) = self.latest.filter(has_begun).zip(ahead) else { return Ok(None) };
         let is_lost = ahead.error() > self.most.0;
+        self.lost_since = is_lost.then(|| self.lost_since.unwrap_or(now));
+        let is_long = self.lost_since.is_some_and(|since| now.saturating_sub(since) >= STILL_MIN);
         let mut change = None;
-        if is_lost != self.is_lost {
-            self.is_lost = is_lost;
+        if is_long != self.is_told && is_lost == is_long {
+            self.is_told = is_long;
             change = Some(is_lost.then_some(Span(ahead.error())));
             match is_lost {
                 true => tracing::warn!(
@@ -153,9 +159,10 @@ mod tests {
         let begin = follower.page.until();
         follower.take(Page::stopped(begin, Time::ZERO).extended(begin, SLICE, Speed::REAL));
         follower.go_on(begin, None).unwrap();
-        let mut known_to =
-            |error: i64| follower.go_on(begin, Some(ClockInterval { low: -error, high: error })).unwrap();
-        assert_eq!([2_000_000, 2_000_000].map(&mut known_to), [Some(Some(Span::millis(2))), None]);
+        let uncertain = Some(ClockInterval { low: -2_000_000, high: 2_000_000 });
+        let told = [0, STILL_MIN / 2, STILL_MIN, STILL_MIN + 1]
+            .map(|after| follower.go_on(begin + after, uncertain).unwrap());
+        assert_eq!(told, [None, None, Some(Some(Span::millis(2))), None]);
         assert_eq!(follower.page.at(begin + SLICE), Time::ZERO);
         let change = follower.go_on(begin, Some(ClockInterval { low: -1_000_000, high: 1_000_000 })).unwrap();
         assert_eq!(change, Some(None));

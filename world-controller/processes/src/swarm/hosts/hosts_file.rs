@@ -74,6 +74,7 @@ pub enum Placement {
 struct RawHost {
     name: String,
     address: String,
+    ssh: Option<String>,
 }
 
 /// The hosts of a run.
@@ -81,6 +82,8 @@ struct RawHost {
 pub struct HostsFile {
     /// The addresses of the daemons of h2, h3, ...
     pub addresses: Vec<Address>,
+    /// The machines of h2, h3, ... as `ssh` knows them, where the file says so.
+    pub ssh: Vec<Option<String>>,
     /// The placement, if the file says one.
     pub placement: Option<Placement>,
     /// The number of modules of each host, if the file says which ones they have.
@@ -129,7 +132,7 @@ impl HostsFile {
             return Err(bad(what, "make `fence` at least twice as long as `silent`"));
         }
         let mut addresses: Vec<Address> = Vec::new();
-        for (RawHost { name, address }, number) in raw.host.iter().zip(0u16..) {
+        for (RawHost { name, address, .. }, number) in raw.host.iter().zip(0u16..) {
             let expected = HostId(number).to_string();
             if *name != expected {
                 let what = format!("host `{name}` is in the place of `{expected}`");
@@ -185,6 +188,7 @@ impl HostsFile {
         let beside = path.parent().unwrap_or(Path::new(""));
         Ok(HostsFile {
             addresses,
+            ssh: raw.host.into_iter().skip(1).map(|host| host.ssh).collect(),
             placement,
             sizes,
             keys: raw.keys.map(|keys| beside.join(keys)),

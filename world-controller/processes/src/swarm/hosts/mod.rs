@@ -38,7 +38,7 @@ pub use hosts_file::{HostsFile, HostsFileError, Placement, VERSION as HOSTS_FILE
 #[cfg(feature = "hosts")]
 pub use net::bench::{NetBenchError, measure as measure_net};
 #[cfg(feature = "hosts")]
-pub use net::{KeysError, keep_zenoh_on_one_thread, make as make_keys};
+pub use net::{KeysError, keep_zenoh_on_one_thread, make as make_keys, renew as renew_keys};
 pub use node::build;
 pub use reach::ReachError;
 pub use succession::Succession;

@@ -12,7 +12,7 @@ mod session;
 mod settings;
 
 pub use door::{Knock, Reply, Visit, VisitError, serve};
-pub use keys::{Keys, KeysError, make};
+pub use keys::{Keys, KeysError, make, renew};
 pub use one_thread::keep_zenoh_on_one_thread;
 pub use probe::{Fault, probe};
 pub use session::{Line, Net, SessionError};
