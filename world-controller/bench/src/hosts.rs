@@ -96,6 +96,12 @@ pub fn text(costs: &HostCosts, paint: Paint) -> String {
     out += &row("thousand frames of 96 bytes a second", &|c| c.frames_per_s, 1e3, costs.frames_ratio);
     out += &row("processor time of both ends (µs)", &|c| c.processor_ns, 1e3, costs.processor_ratio);
     out += &row("one way, idle (µs)", &|c| c.one_way_ns, 1e3, costs.one_way_ratio);
+    let tail = |name: &str, get: &dyn Fn(&NetCost) -> f64| {
+        let ratio = of(&|r| get(&r.host_link) / get(&r.zenoh));
+        row(name, get, 1e3, ratio)
+    };
+    out += &tail("one way, 99 % (µs)", &|c| c.one_way_p99_ns);
+    out += &tail("one way, 99.9 % (µs)", &|c| c.one_way_p999_ns);
     let with_hops = |c: &NetCost| c.one_way_ns + 2.0 * costs.hop_ns;
     out += &row("between two agents, idle (µs)", &with_hops, 1e3, costs.between_agents_ratio);
     let clock = of(&|r| r.clock_error_ns as f64) / 1e6;

@@ -11,6 +11,10 @@ pub struct NetCost {
     pub processor_ns: f64,
     /// Median time of one way, half of there and back, in nanoseconds.
     pub one_way_ns: f64,
+    /// Time of one way that 99 % of the frames do not exceed, in nanoseconds.
+    pub one_way_p99_ns: f64,
+    /// Time of one way that 99.9 % of the frames do not exceed, in nanoseconds.
+    pub one_way_p999_ns: f64,
 }
 
 /// The results.

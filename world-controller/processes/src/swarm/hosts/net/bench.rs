@@ -34,7 +34,9 @@ use zenoh::qos::{CongestionControl, Priority};
 /// Duration of each measurement of throughput in real time.
 const MEASUREMENT_TIME: Duration = Duration::from_secs(2);
 /// Number of round trips of each measurement of latency.
-const TRIPS: u32 = 500;
+const TRIPS: u32 = 2_000;
+/// Time after which a frame counts as lost on its way, as a network may, and is sent again.
+const LOST: Duration = Duration::from_millis(500);
 /// Longest time to wait for anything.
 const WAIT_MAX: Duration = Duration::from_secs(20);
 /// Longest time that an end without work waits.
@@ -216,15 +218,19 @@ fn drive(here: &mut End, echoes: &AtomicBool) -> Result<(Cost, u64), NetBenchErr
         }
     }
     let mut trips = Vec::new();
-    for number in 0..TRIPS {
-        let begun = Stopwatch::start();
-        let _ = here.link.offer(Time(monotonic()), &frame(number));
-        while here.turn(IDLE_MAX)? == 0 {
-            if begun.elapsed() > WAIT_MAX {
-                return Err(NetBenchError::Late("the answer to a frame"));
-            }
+    let begun = Stopwatch::start();
+    while trips.len() < TRIPS as usize {
+        let sent = Stopwatch::start();
+        let _ = here.link.offer(Time(monotonic()), &frame(trips.len() as u32));
+        let mut has_come = false;
+        while !has_come && sent.elapsed() < LOST {
+            has_come = here.turn(IDLE_MAX)? > 0;
         }
-        trips.push(begun.elapsed());
+        if has_come {
+            trips.push(sent.elapsed());
+        } else if begun.elapsed() > WAIT_MAX {
+            return Err(NetBenchError::Late("the answer to a frame"));
+        }
     }
     echoes.store(false, Ordering::Relaxed);
     let (before, taken, begun) = (processor_time(), total(&here.link.counts().taken), Stopwatch::start());
@@ -248,11 +254,16 @@ fn drive(here: &mut End, echoes: &AtomicBool) -> Result<(Cost, u64), NetBenchErr
 
 fn cost(frames: f64, real: f64, processor: f64, trips: &mut [Duration]) -> Cost {
     trips.sort_unstable();
-    let median = trips.get(trips.len() / 2).copied().unwrap_or_default();
+    let one_way = |thousandths: usize| {
+        let trip = trips.get((trips.len() * thousandths / 1_000).min(trips.len().saturating_sub(1)));
+        trip.copied().unwrap_or_default().as_nanos() as f64 / 2.0
+    };
     Cost {
         frames_per_s: frames / real,
         processor_ns: processor * 1e9 / frames.max(1.0),
-        one_way_ns: median.as_nanos() as f64 / 2.0,
+        one_way_ns: one_way(500),
+        one_way_p99_ns: one_way(990),
+        one_way_p999_ns: one_way(999),
     }
 }
 
@@ -329,6 +340,13 @@ fn trips(ping: &Publisher<'_>, bytes: &[u8], answers: &Receiver<()>) -> Result<V
             return Err(NetBenchError::Late("the connection of two sessions"));
         }
     }
-    let trip = |_| once(WAIT_MAX)?.ok_or(NetBenchError::Late("the answer to a put"));
-    (0..TRIPS).map(trip).collect()
+    let (begun, mut trips) = (Stopwatch::start(), Vec::new());
+    while trips.len() < TRIPS as usize {
+        match once(LOST)? {
+            Some(trip) => trips.push(trip),
+            None if begun.elapsed() > WAIT_MAX => return Err(NetBenchError::Late("the answer to a put")),
+            None => {}
+        }
+    }
+    Ok(trips)
 }
