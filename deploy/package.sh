@@ -4,7 +4,8 @@
 # Without PROGRAM, a release build of this clone is packed. Packages are written to target/packages, and each is tried
 # before it is done: unpacked somewhere else, and started from / with nothing but itself in PATH.
 #
-#   tarball   metamorph-VERSION-ARCH.tar.gz: program, man pages, completions, licences of all parts
+#   tarball   metamorph-VERSION-ARCH.tar.gz: program with links between machines, man pages, completions, licences of all parts,
+#             the service of a host's daemon, and examples for clusters
 #   deb       metamorph_VERSION_ARCH.deb, by dpkg-deb
 #   image     metamorph-VERSION-ARCH.oci.tar, by mmdebstrap and buildah; no engine, and nothing is pulled
 #   wheel     the Python package with the program in it, by pip
@@ -17,7 +18,7 @@ kind=${1:-}
 case "$kind" in
 tarball | deb | image | wheel | all) ;;
 *)
-    sed -n '2,12s/^# \{0,1\}//p' "$0" >&2
+    sed -n '2,13s/^# \{0,1\}//p' "$0" >&2
     exit 2
     ;;
 esac
@@ -41,7 +42,7 @@ trap 'rm -rf "$work"' EXIT
 program=${2:-}
 if [ -z "$program" ] && [ "$kind" != wheel ]; then
     need cargo cargo
-    cargo build --release --locked --package metamorph-world-controller --bin metamorph
+    cargo build --release --locked --package metamorph-world-controller --features hosts --bin metamorph
     program=target/release/metamorph
 fi
 arch=$(uname -m)
@@ -61,6 +62,9 @@ lay_out() {
     install -d "$usr/share/doc/metamorph"
     install -m 644 LICENSE-MIT LICENSE-APACHE world-controller/cli/third-party.txt "$usr/share/doc/metamorph"
     gzip -9 -n <CHANGELOG.md >"$usr/share/doc/metamorph/NEWS.gz"
+    install -d "$usr/lib/systemd/user" "$usr/share/doc/metamorph/examples"
+    sed 's,/usr/local/bin/,/usr/bin/,' deploy/hosts/metamorph-host.service >"$usr/lib/systemd/user/metamorph-host.service"
+    install -m 644 deploy/hosts/*.toml deploy/hosts/*.yaml deploy/cluster/* "$usr/share/doc/metamorph/examples"
     chmod -R go=rX "$usr"
     find "$usr" -type f ! -path '*/bin/*' -exec chmod 644 {} +
 }
@@ -74,6 +78,8 @@ try() {
         PATH=/nonexistent "$binary" --version
         PATH=/nonexistent "$binary" run swarm --link sim --quiet
         PATH=/nonexistent "$binary" run swarm --quiet
+        # Links between machines are in it.
+        PATH=/nonexistent "$binary" cluster --help >/dev/null
     )
 }
 

@@ -28,7 +28,8 @@ def _program() -> None:
     target = Path(os.environ.get("CARGO_TARGET_DIR", root / "target"))
     # The same for the extension, so that both share what they are built of.
     os.environ["CARGO_PROFILE_RELEASE_STRIP"] = "symbols"
-    command = ["cargo", "build", "--release", "--locked", "--bin", "metamorph"]
+    features = ["--features", "metamorph-world-controller/hosts"]
+    command = ["cargo", "build", "--release", "--locked", *features, "--bin", "metamorph"]
     subprocess.run(command, cwd=root, check=True)
     to = HERE / "python" / "metamorph" / "bin"
     to.mkdir(exist_ok=True)

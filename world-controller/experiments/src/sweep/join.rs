@@ -185,11 +185,11 @@ mod tests {
     fn parts_give_the_files_of_the_whole() {
         let root = tempfile::tempdir().unwrap();
         let manifest = manifest(10);
-        let parts: Vec<PathBuf> = Part::parse("1/3")
-            .unwrap()
-            .all()
-            .map(|part| write(root.path(), &part.to_string().replace('/', "-"), part, &manifest, |_| true))
-            .rev_all();
+        let write_part =
+            |part: Part| write(root.path(), &part.to_string().replace('/', "-"), part, &manifest, |_| true);
+        let mut parts: Vec<PathBuf> = Part::parse("1/3").unwrap().all().map(write_part).collect();
+        // Directories are named in any order.
+        parts.reverse();
         let summary = join(&parts, &root.path().join("joined")).unwrap();
         assert_eq!((summary.runs, summary.runs_planned), (14, 14));
         let whole = write(root.path(), "whole", Part::WHOLE, &manifest, |_| true);
@@ -200,16 +200,6 @@ mod tests {
             );
         }
     }
-
-    /// Directories are named in any order.
-    trait RevAll: Iterator + Sized {
-        fn rev_all(self) -> Vec<Self::Item> {
-            let mut all: Vec<_> = self.collect();
-            all.reverse();
-            all
-        }
-    }
-    impl<I: Iterator> RevAll for I {}
 
     #[test]
     fn each_mistake_is_named_with_its_fix() {

@@ -13,7 +13,7 @@ use metamorph_console::output::{OutputError, Outputs};
 use metamorph_console::output_kind::OutputKind;
 use metamorph_module_agent::regular_file;
 use metamorph_scenario::error::MAX_BYTES;
-use metamorph_scenario::grid::{Grid, GridError, Part, Seeds};
+use metamorph_scenario::grid::{Grid, GridError, Part};
 use metamorph_text::escape::{Shown, json};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -79,16 +79,6 @@ pub enum StoreError {
         theirs: String,
         /// The value requested.
         ours: String,
-    },
-    /// A part cannot get more seeds, since its runs of the new seeds may be in other parts.
-    #[error("--out {}: the part there has the seeds {theirs}, and {ours} are wanted\n  fix: resume it with its own seeds; join all parts with --join, and add seeds to the whole", .dir.shown())]
-    LongerPart {
-        /// The directory.
-        dir: PathBuf,
-        /// The seeds there.
-        theirs: Seeds,
-        /// The seeds requested.
-        ours: Seeds,
     },
     /// Another process writes to the directory.
     #[error("--out {}: another sweep is writing there\n  fix: wait until it has ended, or name another directory", .0.shown())]
@@ -315,10 +305,6 @@ impl Store {
         there.must_be(manifest, dir)?;
         let new = dir.join(NEW_RUNS);
         if there.is_begun_of(manifest) {
-            if !manifest.part().is_ok_and(Part::is_whole) {
-                let (theirs, ours) = (there.grid.seeds, manifest.grid.seeds);
-                return Err(StoreError::LongerPart { dir: dir.into(), theirs, ours });
-            }
             lengthen(dir, &there, manifest)?;
         }
         if new.exists() {
@@ -614,11 +600,12 @@ mod tests {
         begun(&|dir| fs::write(dir.join(NEW_RUNS), "run,li").unwrap());
         // The new manifest, and the new runs not in their place yet.
         begun(&|dir| lengthen(dir, &manifest(), &longer).unwrap());
+        // The runs of a part stay in it.
         let dir = tempfile::tempdir().unwrap();
         let part = Part::parse("1/2").unwrap();
-        drop(Store::create(dir.path(), &manifest().of_part(part)).unwrap());
-        let error = Store::resume(dir.path(), &longer.of_part(part), |_, _| {}).unwrap_err().to_string();
-        assert!(error.contains("10..13") && error.contains("--join"), "{error}");
+        write(&mut Store::create(dir.path(), &manifest().of_part(part)).unwrap(), &[0, 2, 4]);
+        let (_, done) = Store::resume(dir.path(), &longer.of_part(part), |_, _| ()).unwrap();
+        assert_eq!((done.runs(), done.before), (3, 3));
     }
 
     #[test]

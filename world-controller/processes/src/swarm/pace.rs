@@ -118,6 +118,11 @@ impl<C: ClockSource> Pace<C> {
         }
     }
 
+    /// Returns true if another slice is due.
+    pub fn is_due(&self) -> bool {
+        self.page.renewal() <= self.monotonic()
+    }
+
     /// Promises another slice if one is due. The first call starts time.
     ///
     /// # Errors

@@ -170,7 +170,9 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
         self.take_commands();
         self.look_at_space();
         let drained = self.drain()?;
-        self.pace.stretch(self.launcher.longest_delay());
+        if self.pace.is_due() {
+            self.pace.stretch(self.launcher.longest_delay());
+        }
         self.pace.renew().map_err(SwarmError::Clock)?;
         self.step_world();
         self.flush();
