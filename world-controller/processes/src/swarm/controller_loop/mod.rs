@@ -261,11 +261,19 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
     /// Takes note that a host is lost, and its agents with it.
     fn host_lost(&mut self, host: HostId, why: String, agents: &[AgentKey]) {
         let (how, modules) = (format!("was lost with {host}: {why}"), agents.len() as u32);
-        let runs = |agent: &&AgentKey| {
-            let process = self.processes.get(agent.0.index());
-            process.is_some_and(|p| p.incarnation == agent.1 && p.stage == Stage::Running)
-        };
-        if let Some(first) = agents.iter().find(runs).copied() {
+        let mut first = None;
+        for (id, incarnation) in agents {
+            let process = self.processes.get_mut(id.index());
+            let runs = |p: &&mut Process<_, _>| {
+                p.incarnation == *incarnation && matches!(p.stage, Stage::Running | Stage::Lost)
+            };
+            if let Some(process) = process.filter(runs) {
+                // Also an agent that has not answered the controller that took over.
+                process.stage = Stage::Running;
+                first.get_or_insert((*id, *incarnation));
+            }
+        }
+        if let Some(first) = first {
             self.external(first, &Outside::HostLost { host, modules, why });
         }
         agents.iter().for_each(|agent| self.ended(*agent, how.clone(), String::new(), false));

@@ -68,7 +68,8 @@ struct Shared {
     counters: BTreeMap<AgentKey, Result<Option<AgentCounters>, String>>,
     drained: BTreeSet<HostId>,
     accounts: BTreeMap<HostId, (AgentCounters, BTreeMap<HostId, Tally>)>,
-    lost: BTreeSet<HostId>,
+    /// The hosts that are lost, and why.
+    lost: BTreeMap<HostId, String>,
     /// Hosts on other machines that this controller has called, and that have not been heard since.
     called: BTreeSet<HostId>,
     /// When they had been called, and how long they may act without hearing a controller.
@@ -166,7 +167,7 @@ impl Shared {
 
     /// Sends the clock page to hosts with a clock of their own, once it has changed.
     fn tell_time(&mut self) {
-        let away: Vec<HostId> = self.fleet.away().filter(|host| !self.lost.contains(host)).collect();
+        let away: Vec<HostId> = self.fleet.away().filter(|host| !self.lost.contains_key(host)).collect();
         if away.is_empty() {
             return;
         }
@@ -261,9 +262,10 @@ impl Shared {
 
     /// Ends all agents of a host that is lost permanently. Their counters outlive them on this machine.
     fn lose(&mut self, host: HostId, why: &str) {
-        if !self.lost.insert(host) {
+        if self.lost.contains_key(&host) {
             return;
         }
+        self.lost.insert(host, why.to_owned());
         tracing::error!("{host} is lost: {why}");
         if !self.inherited.contains_key(&host) && !self.inherit(host) {
             // Its daemon lives, and may be stopped: its agents must have ended before they are counted.
@@ -277,7 +279,10 @@ impl Shared {
             self.away.remove(agent);
             self.counters.insert(*agent, self.left_counters(host, *agent));
         }
-        self.events.push_back(Event::HostLost { host, why: why.to_owned(), agents: gone });
+        // Without agents it was lost before this controller took over, which asks for them then.
+        if !gone.is_empty() {
+            self.events.push_back(Event::HostLost { host, why: why.to_owned(), agents: gone });
+        }
         // Hosts that do not watch each other learn that messages to it have nowhere to go.
         self.node.give_up(host);
         let others: Vec<HostId> = self.present();
@@ -306,7 +311,7 @@ impl Shared {
 
     /// The other hosts that are not lost.
     fn present(&self) -> Vec<HostId> {
-        self.fleet.roots.keys().copied().filter(|host| !self.lost.contains(host)).collect()
+        self.fleet.roots.keys().copied().filter(|host| !self.lost.contains_key(host)).collect()
     }
 }
 
@@ -341,7 +346,7 @@ pub fn backend(
         counters: ended,
         drained: BTreeSet::new(),
         accounts: BTreeMap::new(),
-        lost: BTreeSet::new(),
+        lost: BTreeMap::new(),
         called,
         call: (since, fence),
         has_moved,
@@ -475,6 +480,19 @@ impl Takeover for HostsLauncher {
         shared.away.extend(elsewhere.present.keys().map(|agent| (*agent, 0)));
         found.latest.extend(elsewhere.latest);
         found.present.extend(elsewhere.present);
+        let mut lost = shared.lost.clone();
+        if shared.has_moved {
+            lost.insert(HostId::CONTROLLER, "its machine is gone".to_owned());
+        }
+        for (host, why) in lost {
+            let is_gone =
+                |agent: &&AgentKey| shared.home(**agent) == host && !found.present.contains_key(*agent);
+            let agents: Vec<AgentKey> = wanted.iter().filter(is_gone).copied().collect();
+            if !agents.is_empty() {
+                found.present.extend(agents.iter().map(|agent| (*agent, false)));
+                shared.events.push_back(Event::HostLost { host, why, agents });
+            }
+        }
         found
     }
 }
@@ -487,7 +505,7 @@ impl Launcher for HostsLauncher {
             shared.node.residents.arrive(agent);
             return self.local.start(agent);
         }
-        if shared.lost.contains(&home) {
+        if shared.lost.contains_key(&home) {
             let why = io::Error::other(format!("its host {home} is lost"));
             return shared.events.push_back(Event::SpawnFailed(agent, why));
         }
@@ -528,10 +546,12 @@ impl Launcher for HostsLauncher {
                 counters => counters,
             },
             home => {
-                shared.counters.get(&agent).cloned().unwrap_or_else(|| match shared.lost.contains(&home) {
-                    // Its end may have been reported to an earlier controller.
-                    true if shared.generation > 0 => shared.left_counters(home, agent),
-                    _ => Ok(None),
+                shared.counters.get(&agent).cloned().unwrap_or_else(|| {
+                    match shared.lost.contains_key(&home) {
+                        // Its end may have been reported to an earlier controller.
+                        true if shared.generation > 0 => shared.left_counters(home, agent),
+                        _ => Ok(None),
+                    }
                 })
             }
         }
@@ -539,7 +559,7 @@ impl Launcher for HostsLauncher {
 
     fn longest_delay(&self) -> u64 {
         let shared = self.shared.borrow();
-        let away = shared.fleet.away().filter(|host| !shared.lost.contains(host));
+        let away = shared.fleet.away().filter(|host| !shared.lost.contains_key(host));
         away.filter_map(|host| Some(shared.node.clock_of(host)?.error())).max().unwrap_or(0)
     }
 
@@ -549,8 +569,9 @@ impl Launcher for HostsLauncher {
             let (mut shared, mut local) = (self.shared.borrow_mut(), self.transport.borrow_mut());
             let bound = shared.fleet.own.clock_error;
             let known = |host| shared.node.clock_of(host).map(|clock| Span(clock.error()));
-            let is_unknown =
-                |host: &HostId| !shared.lost.contains(host) && known(*host).is_none_or(|error| error > bound);
+            let is_unknown = |host: &HostId| {
+                !shared.lost.contains_key(host) && known(*host).is_none_or(|error| error > bound)
+            };
             let Some(host) = shared.fleet.away().find(is_unknown) else { return Ok(()) };
             if begun.elapsed() > CLOCKS_WAIT_MAX {
                 return Err(FleetError::Clock { host, known: known(host), bound }.into());
@@ -600,7 +621,7 @@ impl HostsLauncher {
             }
             shared.turn(&mut local);
             shared.frames.clear();
-            let is_done = |host: &HostId| shared.lost.contains(host) || is_done(&shared, *host);
+            let is_done = |host: &HostId| shared.lost.contains_key(host) || is_done(&shared, *host);
             if (asked.iter().all(is_done) && shared.node.is_drained()) || begun.elapsed() > ACCOUNTS_WAIT_MAX
             {
                 return Ok(());
