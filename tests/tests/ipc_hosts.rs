@@ -37,7 +37,6 @@ fn run_on(daemons: &Daemons, timeout: &str, disturb: impl FnOnce()) -> Report {
             let agents = root_of(h2).map(|root| fs::read_dir(root.join("ledgers")));
             agents.and_then(Result::ok).is_some_and(|agents| agents.count() > OF_H2.len())
         });
-        // A host that is lost before the run begins ends it.
         let controller = parts_of(Path::new(&journal)).join("controller");
         wait_until("the run to begin", || {
             let records = Reader::open(&controller).into_iter().flatten();

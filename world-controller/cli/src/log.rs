@@ -19,7 +19,7 @@ use tracing_subscriber::{fmt, registry};
 /// Name of the environment variable with filters.
 const VARIABLE: &str = "METAMORPH_LOG";
 
-/// Largest number of lines about connections in a second.
+/// Largest number of lines about connections in a second: who floods a host must not fill its log as well.
 const LINES_MAX: u32 = 50;
 /// Time in which lines are counted.
 const SECOND: Duration = Duration::from_secs(1);
@@ -68,9 +68,13 @@ pub fn to_stderr(verbose: u8) -> Result<(), WrongFilter> {
     Ok(())
 }
 
-/// True if a line is about a connection that anyone may open.
+/// The modules whose lines are about connections and what arrives on them.
+const OF_CONNECTIONS: [&str; 4] =
+    ["::hosts::gate", "::hosts::net::door", "::hosts::net::session", "::hosts::node"];
+
+/// True if a line is about a connection, or about what has arrived on one.
 fn is_of_connections(target: &str) -> bool {
-    target.starts_with("zenoh") || target.ends_with("::hosts::gate")
+    target.starts_with("zenoh") || OF_CONNECTIONS.iter().any(|module| target.ends_with(module))
 }
 
 /// The lines about connections in the present second.
@@ -168,6 +172,7 @@ mod tests {
         let mut flood = Flood { second: None, lines: LINES_MAX + 7 };
         assert_eq!((flood.next(), flood.next()), ((true, 7), (true, 0)));
         assert!(is_of_connections("zenoh_link_tls::unicast") && !is_of_connections("metamorph_cli::host"));
+        assert!(is_of_connections("metamorph_processes::swarm::hosts::node"));
     }
 
     #[test]

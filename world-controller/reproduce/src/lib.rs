@@ -316,17 +316,18 @@ impl Sweeper<'_> {
         let file = out.map(|dir| dir.join(&name).with_extension("toml"));
         let origin = file.as_ref().map_or_else(|| format!("{name}.toml"), |f| f.display().to_string());
         let scenario = Scenario { origin, text: text.to_owned(), overrides: Overrides::default() };
+        let manifest = scenario.manifest(grid);
         let (mut store, mut results) = (None, None);
         let dir = out.map(|dir| dir.join(&name));
         if let (Some(file), Some(dir)) = (&file, &dir) {
             self.outputs.writes("--out", file, OutputKind::Any)?.write(text)?;
-            store = Some(Store::create(dir, &scenario.manifest(grid))?);
+            store = Some(Store::create(dir, &manifest)?);
             results = Some(Results::of(dir, self.outputs)?);
         }
         let tallies = run(&scenario, grid, Progress::new(grid, store), *jobs, self.interrupt, !quiet)?;
         let summary = tallies.summary(&scenario.name(), grid);
         if let Some(results) = &results {
-            results.write(&scenario.manifest(grid), &summary)?;
+            results.write(&manifest, &summary)?;
         }
         self.runs += summary.runs;
         self.planned += summary.runs_planned;

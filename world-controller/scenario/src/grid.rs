@@ -260,7 +260,8 @@ impl Grid {
 
 /// A part of the runs of a sweep, for one of several machines. Neighbouring seeds and combinations are in different parts, so that
 /// all take about as long; a run stays in its part when seeds are added at the end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub struct Part {
     /// Its number, from 0.
     index: u64,
@@ -291,7 +292,7 @@ impl Part {
         self.of
     }
     /// Returns true if the sweep is not divided.
-    pub fn is_whole(self) -> bool {
+    pub fn is_whole(&self) -> bool {
         self.of == 1
     }
     /// Returns true if a run belongs to this part.
@@ -304,11 +305,34 @@ impl Part {
     }
     /// Returns the number of runs of this part.
     pub fn runs(self, grid: &Grid) -> u64 {
+        if self.is_whole() {
+            return grid.runs();
+        }
         (0..grid.runs()).filter(|run| self.has(grid, *run)).count() as u64
     }
     /// Iterates over all parts of a sweep that this one is a part of.
     pub fn all(self) -> impl Iterator<Item = Part> {
         (0..self.of).map(move |index| Part { index, of: self.of })
+    }
+}
+
+impl Default for Part {
+    fn default() -> Part {
+        Part::WHOLE
+    }
+}
+
+impl TryFrom<String> for Part {
+    type Error = GridError;
+
+    fn try_from(text: String) -> Result<Part, GridError> {
+        Part::parse(&text)
+    }
+}
+
+impl From<Part> for String {
+    fn from(part: Part) -> String {
+        part.to_string()
     }
 }
 

@@ -125,8 +125,7 @@ fn found(dirs: &[PathBuf]) -> Result<(Manifest, Found), JoinError> {
     let mut first: Option<(Manifest, Part, PathBuf)> = None;
     for dir in dirs {
         let manifest = Manifest::read(dir)?;
-        // Invariant: the part of a manifest is checked when it is read.
-        let part = manifest.part().unwrap_or(Part::WHOLE);
+        let part = manifest.part;
         if part.is_whole() {
             return Err(JoinError::Whole(dir.clone()));
         }

@@ -13,7 +13,7 @@ use metamorph_console::output::{OutputError, Outputs};
 use metamorph_console::output_kind::OutputKind;
 use metamorph_module_agent::regular_file;
 use metamorph_scenario::error::MAX_BYTES;
-use metamorph_scenario::grid::{Grid, GridError, Part};
+use metamorph_scenario::grid::{Grid, Part};
 use metamorph_text::escape::{Shown, json};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -132,8 +132,8 @@ pub struct Manifest {
     /// The options that change it in all runs.
     pub options: Vec<String>,
     /// Which part of the runs is in this directory; left out if all are.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    part: Option<String>,
+    #[serde(default, skip_serializing_if = "Part::is_whole")]
+    pub part: Part,
     /// All runs.
     #[serde(flatten)]
     pub grid: Grid,
@@ -166,19 +166,14 @@ impl Manifest {
             description: None,
             text: text.to_owned(),
             options,
-            part: None,
+            part: Part::WHOLE,
             grid: grid.clone(),
         }
     }
 
     /// Returns the manifest of a part of the sweep, or of the whole.
     pub fn of_part(&self, part: Part) -> Manifest {
-        Manifest { part: (!part.is_whole()).then(|| part.to_string()), ..self.clone() }
-    }
-
-    /// Returns which part of the runs its directory has.
-    pub fn part(&self) -> Result<Part, GridError> {
-        self.part.as_deref().map_or(Ok(Part::WHOLE), Part::parse)
+        Manifest { part, ..self.clone() }
     }
 
     /// Reads the manifest of a directory.
@@ -199,9 +194,7 @@ impl Manifest {
         if stamp.version != VERSION {
             return Err(StoreError::Version { path, found: stamp.version });
         }
-        let manifest: Manifest = serde_json::from_slice(&bytes).map_err(|e| wrong(e.to_string()))?;
-        manifest.part().map_err(|e| wrong(e.to_string()))?;
-        Ok(manifest)
+        serde_json::from_slice(&bytes).map_err(|e| wrong(e.to_string()))
     }
 
     /// True if the other sweep has the same runs and more seeds.
@@ -212,8 +205,7 @@ impl Manifest {
 
     /// Checks that this is the manifest of a part of the same sweep as `first`.
     pub fn must_be_of(&self, first: &Manifest, dir: &Path) -> Result<(), StoreError> {
-        let same = Manifest { part: self.part.clone(), ..first.clone() };
-        self.must_be(&same, dir)?;
+        self.must_be(&first.of_part(self.part), dir)?;
         let (theirs, ours) = (self.grid.seeds, first.grid.seeds);
         if theirs == ours {
             return Ok(());
@@ -228,7 +220,10 @@ impl Manifest {
             Err(StoreError::Different { dir: dir.into(), what, theirs, ours })
         };
         if self.part != ours.part {
-            let name = |m: &Manifest| m.part.clone().unwrap_or_else(|| "the whole".to_owned());
+            let name = |m: &Manifest| match m.part.is_whole() {
+                true => "the whole".to_owned(),
+                false => m.part.to_string(),
+            };
             return differ("another part", name(self), name(ours));
         }
         let vary = |m: &Manifest| match m.grid.vary.len() {
@@ -446,8 +441,7 @@ fn scan(
     manifest: &Manifest,
     mut seen: impl FnMut(u64, &Row),
 ) -> Result<(Done, u64), StoreError> {
-    // Invariant: the part of a manifest is checked when it is read.
-    let (grid, part) = (&manifest.grid, manifest.part().unwrap_or(Part::WHOLE));
+    let (grid, part) = (&manifest.grid, manifest.part);
     let mut expected_header = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
     // Invariant: writing to memory does not fail.
     let _ = row::write_header(&mut expected_header, grid);

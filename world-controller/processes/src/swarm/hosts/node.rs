@@ -35,8 +35,6 @@ use std::time::Duration;
 pub const PROGRAM: u32 = 5;
 /// Shortest time that a controller may take to get all hosts together before it is heard.
 const GRACE_MIN: Span = Span::secs(60);
-/// Largest number of refusals of one host per second that are logged.
-const NAMED_MAX: u32 = 50;
 /// Bytes of a stream that may wait for its window before the owner should say no more.
 const BACKLOG: usize = 1 << 20;
 
@@ -74,8 +72,6 @@ struct Peer {
     healed: Time,
     /// When the carrier was taken into use.
     attached: Time,
-    /// Packets refused that have been logged, and the second that they are counted in.
-    refused: (u64, u32),
 }
 
 /// One host's end of all its links.
@@ -366,9 +362,7 @@ impl<L: Link> Node<L> {
         match event {
             CarrierEvent::Packet { .. } if cut.contains(&from) => {}
             CarrierEvent::Packet { packet, .. } => {
-                if let Err(refused) = peer.link.receive(now, &packet)
-                    && peer.is_worth_a_line(now)
-                {
+                if let Err(refused) = peer.link.receive(now, &packet) {
                     tracing::warn!("a packet from {from} is refused: {refused}");
                 }
             }
@@ -391,10 +385,7 @@ impl<L: Link> Node<L> {
         let header = frame.open().ok().filter(|header| header.channel == Channel::Peer);
         let Some(header) = header.filter(|header| self.hosts.is_home(header.source, from)) else {
             self.foreign += 1;
-            let now = Time(monotonic());
-            if self.peers.get_mut(&from).is_some_and(|peer| peer.is_worth_a_line(now)) {
-                tracing::warn!("a message from {from} is refused: its sender is not at home there");
-            }
+            tracing::warn!("a message from {from} is refused: its sender is not at home there");
             return;
         };
         let counts = &mut self.tally[header.class];
@@ -505,18 +496,7 @@ impl Peer {
             bulk: Default::default(),
             healed: Time::ZERO,
             attached: Time::ZERO,
-            refused: (0, 0),
         }
-    }
-
-    /// True for the first refusals in each second: a host that floods must not fill the log as well.
-    fn is_worth_a_line(&mut self, now: Time) -> bool {
-        let second = now.0 / 1_000_000_000;
-        if self.refused.0 != second {
-            self.refused = (second, 0);
-        }
-        self.refused.1 += 1;
-        self.refused.1 <= NAMED_MAX
     }
 
     /// Gives the link its turn and the carrier its packets.

@@ -25,8 +25,6 @@ const EVERY: Span = Span::millis(50);
 const ANSWER_WAIT_MAX: Duration = Duration::from_millis(20);
 /// Bytes given to the stream in one turn.
 const PIECE: usize = 1 << 18;
-/// Largest number of refused packets per second that are named in the log; the rest is counted.
-const NAMED_MAX: u32 = 50;
 
 /// Proofs by HMAC-SHA-256 with the token of the site.
 pub struct Token(hmac::Key);
@@ -234,24 +232,10 @@ pub type Knock = (Opening, Reply);
 pub fn serve(net: &Arc<Net>, build: u64, room: u32, openings: &SyncSender<Knock>) -> io::Result<()> {
     let mut talk = Talk::new(net, HostId::CONTROLLER, build, room)?;
     let (mut life, mut answer): (Option<Life>, Option<Receiver<Answer>>) = (None, None);
-    let (mut named, mut second) = (0, Stopwatch::start());
     loop {
         talk.turn(ANSWER_WAIT_MAX)?;
-        if second.elapsed() >= Duration::from_secs(1) {
-            if named > NAMED_MAX {
-                tracing::warn!(
-                    "{} further packets of {} were refused",
-                    named - NAMED_MAX,
-                    HostId::CONTROLLER
-                );
-            }
-            (named, second) = (0, Stopwatch::start());
-        }
         if let Some(refused) = talk.refused.take() {
-            named += 1;
-            if named <= NAMED_MAX {
-                tracing::warn!("a packet from {} is refused: {refused}", HostId::CONTROLLER);
-            }
+            tracing::warn!("a packet from {} is refused: {refused}", HostId::CONTROLLER);
         }
         if std::mem::take(&mut talk.is_unproven) {
             let who = HostId::CONTROLLER;
