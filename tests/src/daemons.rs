@@ -67,6 +67,13 @@ impl Cable {
     }
 }
 
+/// Starts a daemon on a socket, and waits until it listens.
+fn daemon(socket: &str) -> Child {
+    let daemon = command(&["host", "--listen", socket]).stderr(Stdio::null()).spawn().unwrap();
+    wait_until("a daemon to listen", || Path::new(socket).exists());
+    daemon
+}
+
 /// Two daemons, h2 and h3, and the hosts file that names them. Killed when dropped.
 #[derive(Debug)]
 pub struct Daemons {
@@ -88,9 +95,7 @@ impl Daemons {
         let mut daemons = Daemons { directory, children: Vec::new(), cables: Vec::new() };
         for host in ["h2", "h3"] {
             let (socket, relay) = (daemons.path(&format!("{host}.daemon")), daemons.path(host));
-            let daemon = command(&["host", "--listen", &socket]).stderr(Stdio::null()).spawn().unwrap();
-            daemons.children.push(daemon);
-            wait_until("a daemon to listen", || Path::new(&socket).exists());
+            daemons.children.push(daemon(&socket));
             let cable = Arc::<Cable>::default();
             cable.relay(Path::new(&relay), PathBuf::from(socket));
             daemons.cables.push(cable);
@@ -98,6 +103,15 @@ impl Daemons {
         }
         fs::write(daemons.path("hosts.toml"), text).unwrap();
         daemons
+    }
+
+    /// Kills a daemon, and starts another in its place.
+    pub fn replace(&mut self, i: usize) {
+        self.children[i].kill().unwrap();
+        self.children[i].wait().unwrap();
+        let socket = self.path(&format!("h{}.daemon", i + 2));
+        fs::remove_file(&socket).unwrap();
+        self.children[i] = daemon(&socket);
     }
 
     /// Returns the path of a file beside the hosts file.

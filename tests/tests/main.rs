@@ -22,6 +22,7 @@ mod help;
 mod hostile;
 mod hosts;
 mod hosts_conformance;
+mod hosts_lost;
 mod hosts_network;
 mod hosts_twin;
 mod ipc_chaos;

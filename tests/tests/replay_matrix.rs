@@ -16,7 +16,7 @@ use std::collections::BTreeSet;
 use std::env;
 
 /// Keys that all families share, with values for runs on the simulated link.
-const OPTIONS: [(&str, &[&str]); 26] = [
+const OPTIONS: [(&str, &[&str]); 28] = [
     (
         "link.delay",
         &[
@@ -57,6 +57,8 @@ const OPTIONS: [(&str, &[&str]); 26] = [
     ("link.between_hosts.corrupt", &["5%"]),
     ("link.between_hosts.skew", &["[\"0s\", \"1ms\"]"]),
     ("link.between_hosts.clock_error", &["5ms"]),
+    ("link.between_hosts.lost", &["elsewhere", "crash"]),
+    ("link.between_hosts.fence", &["3s"]),
     ("link.between_hosts.pair", &["[{ hosts = [\"h1\", \"h2\"], delay = \"40ms..90ms\" }]"]),
     ("controller.rescue", &["off", "calls", "plans"]),
     ("stop.timeout", &["20s"]),
@@ -124,6 +126,10 @@ fn record_and_replay(seed: u64) -> Option<Vec<&'static str>> {
     let needs_hosts = options.iter().any(|(key, _)| key.starts_with("link.between_hosts."));
     if needs_hosts && options.iter().all(|(key, _)| *key != "link.between_hosts.hosts") {
         options.push(("link.between_hosts.hosts", "2"));
+    }
+    if options.iter().any(|(key, _)| *key == "link.between_hosts.fence") {
+        options.retain(|(key, _)| *key != "link.between_hosts.lost");
+        options.push(("link.between_hosts.lost", "elsewhere"));
     }
     let set = |(key, value): &(&str, &str)| Setting { option: "--set", text: format!("{key}={value}") };
     let settings: Vec<Setting> = options.iter().map(set).collect();

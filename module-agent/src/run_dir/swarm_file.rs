@@ -4,18 +4,19 @@
 use crate::clock::Speed;
 use crate::journal_file::Parts;
 use bincode::config::standard;
-use metamorph_protocol::link::LinkModel;
+use metamorph_protocol::link::{Hosts, LinkModel};
 use metamorph_protocol::time::Span;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use thiserror::Error;
 
 const MAGIC: [u8; 4] = *b"MMSW";
 /// The version of the layout. Any change of [`SwarmFile`] raises it.
-pub const VERSION: u16 = 9;
+pub const VERSION: u16 = 10;
 /// Largest size of the file in bytes; bounds the memory that a damaged length can claim.
 const LIMIT: usize = 256 << 20;
 
@@ -144,6 +145,28 @@ pub fn with_parts_in(bytes: &[u8], directory: &Path) -> Vec<u8> {
     changed(bytes, |file| file.journal.iter_mut().for_each(|parts| parts.dir = directory.to_owned()))
 }
 
+/// Returns the bytes of a swarm file with other homes of modules.
+pub fn with_homes(bytes: &[u8], homes: &Hosts) -> Vec<u8> {
+    changed(bytes, |file| file.link.hosts = Some(Arc::new(homes.clone())))
+}
+
+/// Returns the bytes of a swarm file without hosts: the same for all hosts of a run, wherever modules have moved.
+pub fn without_hosts(bytes: &[u8]) -> Vec<u8> {
+    changed(bytes, |file| file.link.hosts = None)
+}
+
+/// Writes the file of the run in `root` again for agents that start from now on, with other homes of modules. Readers see all
+/// of it or none.
+///
+/// # Errors
+/// If the file cannot be read or written.
+pub fn move_homes(root: &Path, homes: &Hosts) -> io::Result<()> {
+    let bytes = fs::read(path(root))?;
+    let part = root.join("swarm.part");
+    fs::write(&part, with_homes(&bytes, homes))?;
+    fs::rename(part, path(root))
+}
+
 fn changed(bytes: &[u8], change: impl FnOnce(&mut SwarmFile<()>)) -> Vec<u8> {
     let Some((mut file, common)) = common_part(bytes) else { return bytes.to_vec() };
     change(&mut file);
@@ -157,6 +180,8 @@ fn changed(bytes: &[u8], change: impl FnOnce(&mut SwarmFile<()>)) -> Vec<u8> {
 mod tests {
     use super::*;
     use crate::journal_file::RunId;
+    use metamorph_protocol::ids::HostId;
+    use metamorph_protocol::link::ClockOffset;
     use proptest::prelude::*;
 
     fn sample() -> SwarmFile<Vec<u32>> {
@@ -206,6 +231,19 @@ mod tests {
         fs::write(path(dir.path()), for_daemon(&bytes, None)).unwrap();
         assert_eq!(SwarmFile::read(dir.path()).unwrap(), SwarmFile { patience: 0, ..sample() });
         assert_eq!(for_daemon(b"no swarm file", None), b"no swarm file");
+    }
+
+    #[test]
+    fn agents_that_start_later_find_other_homes() {
+        let hosts = |homes: [u16; 3]| {
+            let clocks = vec![ClockOffset::default(); 2];
+            Hosts::new(homes.map(HostId).to_vec(), clocks, vec![LinkModel::default()]).unwrap()
+        };
+        let dir = tempfile::tempdir().unwrap();
+        let of = |homes| LinkModel { hosts: Some(Arc::new(hosts(homes))), ..sample().link };
+        SwarmFile { link: of([0, 1, 1]), ..sample() }.write(dir.path()).unwrap();
+        move_homes(dir.path(), &hosts([0, 0, 0])).unwrap();
+        assert_eq!(SwarmFile::read(dir.path()).unwrap(), SwarmFile { link: of([0, 0, 0]), ..sample() });
     }
 
     proptest! {

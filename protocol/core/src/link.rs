@@ -14,9 +14,9 @@ pub use between::{Between, End};
 pub use changes::LinkChanges;
 pub use controller::ControllerLink;
 pub use delays::{Burst, LinkState, MOST_QUANTILES, Quantiles, QuantilesError};
-pub use hosts::{ClockOffset, Hosts, HostsError};
+pub use hosts::{ClockOffset, HostChange, Hosts, HostsError, Lost};
 
-use crate::ids::ModuleId;
+use crate::ids::{HostId, ModuleId};
 use crate::ratio::Ratio;
 use crate::rng::Rng;
 use crate::time::{Span, Time};
@@ -111,6 +111,21 @@ impl LinkModel {
         self.hosts.as_ref().map_or(ClockOffset::default(), |hosts| hosts.clock(hosts.home(id)))
     }
 
+    /// Returns true if the process of a module can be started: its home is not down.
+    pub fn has_place(&self, id: ModuleId) -> bool {
+        self.hosts.as_ref().is_none_or(|hosts| !hosts.is_down(hosts.home(id)))
+    }
+
+    /// Lets something happen to a host. Hosts of the model have room for any number of modules.
+    pub fn change_host(&mut self, host: HostId, change: HostChange) {
+        let Some(hosts) = self.hosts.as_mut().map(Arc::make_mut) else { return };
+        match change {
+            HostChange::Down => hosts.go_down(host),
+            HostChange::Lost => drop(hosts.lose(host, |_| usize::MAX)),
+            HostChange::Back => hosts.come_back(host),
+        }
+    }
+
     /// Returns the end of all partitions at `now`: `now` itself if there is none.
     fn healed_at(&self, now: Time) -> Time {
         let mut at = now;
@@ -147,7 +162,9 @@ impl LinkModel {
             return between.link.carry(now, from, to, rng, state);
         }
         if let Some(between) = self.hosts.as_deref().and_then(|hosts| hosts.between(from, to)) {
-            return between.carry(now, from, to, rng, state);
+            // A cut between hosts concerns all that crosses.
+            let is_cut = between.healed_at(now) != now;
+            return if is_cut { fate } else { between.carry(now, from, to, rng, state) };
         }
         let harms = self.harmless_from.is_none_or(|at| now < at);
         let burst = self.burst.as_deref().filter(|_| harms);

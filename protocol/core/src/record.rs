@@ -213,8 +213,17 @@ pub enum Outside {
         host: HostId,
         /// Number of modules that are lost with it.
         modules: u32,
+        /// Those of them that are started again.
+        restarts: Vec<ModuleId>,
         /// Why it counts as lost, in words.
         why: String,
+    },
+    /// A host that was lost takes modules again.
+    HostBack {
+        /// The host.
+        host: HostId,
+        /// Modules that had no host, and are started now.
+        restarts: Vec<ModuleId>,
     },
 }
 
@@ -224,9 +233,19 @@ impl fmt::Display for Outside {
             Outside::Killed { signal } => write!(f, "killed by {signal} from outside"),
             Outside::Stopped { signal } => write!(f, "stopped by {signal} from outside"),
             Outside::Continued => f.write_str("continued by SIGCONT from outside"),
-            Outside::HostLost { host, modules, why } => {
+            Outside::HostBack { host, restarts } if restarts.is_empty() => {
+                write!(f, "{host}: it takes modules")
+            }
+            Outside::HostBack { host, restarts } => {
+                write!(f, "{host}: it takes modules, {} of which had no host", restarts.len())
+            }
+            Outside::HostLost { host, modules, restarts, why } => {
                 let plural = if *modules == 1 { "" } else { "s" };
-                write!(f, "{host} with {modules} module{plural}: {why}")
+                write!(f, "{host} with {modules} module{plural}")?;
+                if !restarts.is_empty() {
+                    write!(f, ", of which {} start again", restarts.len())?;
+                }
+                write!(f, ": {why}")
             }
         }
     }

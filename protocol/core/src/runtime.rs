@@ -1,8 +1,8 @@
 //! Inputs and commands that drivers carry between agents, bodies and the controller. Every driver uses these types,
 //! and journals hold them over [`Blob`](crate::record::Blob).
 
-use crate::ids::{Incarnation, ModuleId, Port, Revision, Session};
-use crate::link::LinkChanges;
+use crate::ids::{HostId, Incarnation, ModuleId, Port, Revision, Session};
+use crate::link::{HostChange, LinkChanges};
 use serde::{Deserialize, Serialize};
 
 /// The other end of a contact. Drivers open links by it; agents only see its session.
@@ -64,6 +64,8 @@ pub enum Command<O> {
     Finish,
     /// From now on this is changed about the links between modules, and nothing else.
     Links(LinkChanges),
+    /// The scenario lets something happen to a host, besides the deaths of its processes.
+    Host(HostId, HostChange),
 }
 
 impl<O> Command<O> {
@@ -77,6 +79,7 @@ impl<O> Command<O> {
             Command::Order(id, order) => Command::Order(*id, convert(order)),
             Command::Finish => Command::Finish,
             Command::Links(changes) => Command::Links(*changes),
+            Command::Host(host, change) => Command::Host(*host, *change),
         }
     }
 }

@@ -20,11 +20,11 @@ Examples:
   metamorph explore --runs 10000 --family cube --seed 1
   metamorph explore --runs 1 --seed 4711      (one run, with its scenario)
 
-Every run is a small scenario generated from its seed: world, start, goal, strategy, link, faults. Seeds
-are consecutive, starting with --seed. All invariants are checked; after all faults, the remaining
-modules must build the goal, unless that is impossible. The first failure of each kind is shrunk and
-written to DIR as a scenario that `metamorph run FILE --link sim` repeats. With -v each run is logged
-before it begins.
+Every run is a small scenario generated from its seed: world, start, goal, strategy, link, faults; from
+seed 2^40 on also hosts, which are lost and come back. Seeds are consecutive, starting with --seed. All
+invariants are checked; after all faults, the remaining modules must build the goal, unless that is
+impossible. The first failure of each kind is shrunk and written to DIR as a scenario that
+`metamorph run FILE --link sim` repeats. With -v each run is logged before it begins.
 
 At the end, rare paths of the protocols and the simulator that never ran are listed.
 

@@ -10,7 +10,6 @@ use metamorph_text::escape::json;
 use metamorph_text::format::count;
 use metamorph_text::table::Table;
 use serde::Serialize;
-use std::panic::resume_unwind;
 use std::path::Path;
 
 /// Arguments of `scenarios`.
@@ -33,18 +32,13 @@ struct Entry {
 /// Lists the scenarios.
 pub fn scenarios(args: &ScenariosArgs) -> Result<u8, Failure> {
     let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
-    let entry = &|name: &'static str| {
+    let entry = |name: &'static str| {
         let plan = read_file(Path::new(name), &overrides)
             .map_err(|diagnostics| Failure { text: diagnostics.to_string(), exit_code: BAD_USAGE })?;
         let description = plan.description.as_deref().unwrap_or_default().trim().to_owned();
         Ok(Entry { name, family: plan.swarm.family(), modules: plan.swarm.len(), description })
     };
-    // Scenarios with elements take a second each, for the tables of their grips.
-    let entries: Vec<Entry> = std::thread::scope(|scope| {
-        let reading: Vec<_> = shipped::names().map(|name| scope.spawn(move || entry(name))).collect();
-        let read = reading.into_iter().map(|entry| entry.join().unwrap_or_else(|panic| resume_unwind(panic)));
-        read.collect::<Result<_, Failure>>()
-    })?;
+    let entries: Vec<Entry> = shipped::names().map(entry).collect::<Result<_, Failure>>()?;
     if args.json {
         print_data(&(json(&entries) + "\n"));
         return Ok(0);

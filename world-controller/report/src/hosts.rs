@@ -1,7 +1,7 @@
 //! The part of the report about hosts: which there were, and what crossed from one to another.
 
 use metamorph_core::ids::HostId;
-use metamorph_core::link::Hosts;
+use metamorph_core::link::{HostChange, Hosts};
 use metamorph_kernel::director::faults::{Fault, FaultRecord};
 use metamorph_kernel::kernel::sim::{Crossed, Crossings};
 use metamorph_scenario::Plan;
@@ -98,7 +98,7 @@ impl HostsReport {
 }
 
 fn host(hosts: &Hosts, struck: &[FaultRecord], host: HostId) -> HostReport {
-    let lost = struck.iter().find(|record| record.fault == Fault::HostLost(host));
+    let lost = struck.iter().find(|record| record.fault == Fault::Host(host, HostChange::Lost));
     let why = lost.and_then(|record| record.effect.split_once(": "));
     HostReport {
         name: host.to_string(),

@@ -4,10 +4,11 @@ use super::diagnostics::{At, Diagnostics};
 use super::error::ScenarioError;
 use super::family::Swarm;
 use super::faults::{Amount, RawFault, Verb};
-use super::hosts;
+use super::hosts::{self, HostsProblem};
+use super::outages::{self, Impossible, Outage};
 use super::table::Window;
 use metamorph_core::ids::{HostId, ModuleId};
-use metamorph_core::link::{Hosts, Partition};
+use metamorph_core::link::{Hosts, Lost, Partition};
 use metamorph_core::rng::Rng;
 use metamorph_core::time::{Span, Time};
 use metamorph_kernel::director::faults::{Fault, Schedule, Scheduled};
@@ -29,8 +30,8 @@ pub struct Bounds<'h> {
 pub enum Planned {
     /// A fault with known time and target.
     At(Time, Fault),
-    /// A command of an operator.
-    Command(Scheduled),
+    /// A fault that is due after all others of its time: a command of an operator, or what an outage of a host consists of.
+    Exactly(Scheduled),
     /// Crashes drawn with the seed of the run.
     Crashes {
         /// Number of crashes.
@@ -50,7 +51,7 @@ pub fn draw(planned: &[Planned], seed: u64) -> Schedule {
     for fault in planned {
         match *fault {
             Planned::At(at, fault) => schedule.push((at, fault)),
-            Planned::Command(scheduled) => commands.push(scheduled),
+            Planned::Exactly(scheduled) => commands.push(scheduled),
             Planned::Crashes { count, of, from, until } => {
                 let mut stream = Rng::named(seed, "crashes", draws);
                 draws += 1;
@@ -142,6 +143,7 @@ pub struct Compiled {
 pub fn compile(faults: &[RawFault], bounds: &Bounds<'_>, diagnostics: &mut Diagnostics) -> Compiled {
     let mut compiled = Compiled::default();
     let Compiled { planned, partitions, cuts } = &mut compiled;
+    let (mut outages, mut places) = (Vec::new(), Vec::new());
     for fault in faults {
         match fault {
             RawFault::Named { verb, modules, from, until } => {
@@ -151,10 +153,22 @@ pub fn compile(faults: &[RawFault], bounds: &Bounds<'_>, diagnostics: &mut Diagn
             }
             RawFault::Host { verb, host, from, until } => {
                 let (begin, end) = bounds.span(from, until.as_ref(), diagnostics);
-                let host = hosts::host_of(host, bounds.host_count(), diagnostics);
-                let modules =
-                    host.zip(bounds.hosts).into_iter().flat_map(|(host, hosts)| hosts.modules(host));
-                planned.extend(modules.flat_map(|id| events(*verb, id, begin, end)));
+                let host = hosts::host_of(host, bounds.host_count(), diagnostics).zip(bounds.hosts);
+                let Some((id, hosts)) = host else { continue };
+                match (verb, hosts.lost()) {
+                    (Verb::Kill, Lost::Elsewhere { .. }) => {
+                        outages.push(Outage { host: id, begin, end });
+                        places.push(from.place.clone());
+                        continue;
+                    }
+                    (Verb::Kill, Lost::Crash) if until.is_some() => {
+                        let place = until.as_ref().map(|until| until.place.clone());
+                        let problem = HostsProblem::NeedsElsewhere("until");
+                        place.into_iter().for_each(|place| diagnostics.add(place, problem.clone()));
+                    }
+                    _ => {}
+                }
+                planned.extend(hosts.modules(id).flat_map(|id| events(*verb, id, begin, end)));
             }
             RawFault::Cut { hosts, from, until } => {
                 let (from, until) = bounds.window(from, until, diagnostics);
@@ -200,6 +214,16 @@ pub fn compile(faults: &[RawFault], bounds: &Bounds<'_>, diagnostics: &mut Diagn
                 side.sort_unstable();
                 side.dedup();
                 partitions.push(Partition { from, until, side });
+            }
+        }
+    }
+    if let Some((hosts, Lost::Elsewhere { fence })) = bounds.hosts.map(|hosts| (hosts, hosts.lost())) {
+        match outages::schedule(&outages, hosts, fence) {
+            Ok(events) => planned.extend(events.into_iter().map(Planned::Exactly)),
+            Err(Impossible { of, host, at, is_last }) => {
+                let problem =
+                    if is_last { HostsProblem::NoneLeft(at) } else { HostsProblem::DownAlready(host, at) };
+                diagnostics.add(places[of].clone(), problem);
             }
         }
     }

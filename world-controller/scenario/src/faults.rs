@@ -219,7 +219,10 @@ fn read_host(
     diagnostics: &mut Diagnostics,
 ) -> Option<RawFault> {
     let name = String::read(host, diagnostics).map(|name| At::new(name, host.span()));
-    let (from, until) = read_times(verb, section, diagnostics)?;
+    let (from, until) = match (verb, read_times(verb, section, diagnostics)?) {
+        (Verb::Kill, (from, _)) => (from, section.get("until", diagnostics)),
+        (_, times) => times,
+    };
     Some(RawFault::Host { verb, host: name?, from, until })
 }
 
@@ -377,7 +380,13 @@ pub fn schema() -> Definitions {
                 "All processes of a host are killed.",
                 "kill_host",
                 &["at"],
-                json!({ "kill_host": said("The host.", of("host")) }),
+                json!({
+                    "kill_host": said("The host.", of("host")),
+                    "until": said(
+                        "When it comes back, with lost = \"elsewhere\". If left out, never.",
+                        of("time"),
+                    ),
+                }),
             ),
         ),
         (

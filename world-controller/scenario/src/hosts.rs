@@ -9,8 +9,8 @@ use super::placement;
 use super::raw::RawLink;
 use super::table::{Node, Read, Section, elements, span, wrong};
 use metamorph_core::ids::{HostId, ModuleId};
-use metamorph_core::link::{Burst, ClockOffset, Hosts, LinkModel};
-use metamorph_core::time::Span;
+use metamorph_core::link::{Burst, ClockOffset, Hosts, LinkModel, Lost};
+use metamorph_core::time::{Span, Time};
 use serde_json::json;
 use std::iter::repeat_n;
 use std::sync::Arc;
@@ -21,6 +21,8 @@ use toml::de::DeValue;
 pub const MAX_HOSTS: usize = 256;
 /// How late a clock of another machine may be read (real time).
 const READING: Span = Span::millis(1);
+/// Time after which a host that is down counts as lost (scenario time), unless the scenario says otherwise.
+const FENCE: Span = Span::secs(10);
 /// Smallest time difference between clocks of several machines that protocols have to tolerate.
 const LEAST_SKEW: Span = Span::millis(5);
 const PAIR: &str = "hosts = [\"h1\", \"h2\"]";
@@ -58,6 +60,15 @@ pub enum HostsProblem {
     /// The controller's clock is the reference.
     #[error("the clock of {} is the controller's, with which the others are compared", HostId::CONTROLLER)]
     Reference,
+    /// A key that concerns what happens after the loss of a host, where nothing happens.
+    #[error("`{0}` counts only if the modules of a lost host are started elsewhere")]
+    NeedsElsewhere(&'static str),
+    /// There is no host left for the modules of the others.
+    #[error("all hosts are down at {0}, so that no host is left for the modules")]
+    NoneLeft(Time),
+    /// A host is killed while it is down.
+    #[error("{0} is down already at {1}")]
+    DownAlready(HostId, Time),
     /// The clocks differ by more than the protocol has time for.
     #[error(
         "clocks differ by up to {skew}; {most} is the maximum, a quarter of the time in which an action may start"
@@ -86,6 +97,11 @@ impl HostsProblem {
             }
             HostsProblem::Clocks { hosts, .. } => format!("write {hosts} times"),
             HostsProblem::Reference => "write `0s` as the first time".into(),
+            HostsProblem::NeedsElsewhere(_) => {
+                "add `lost = \"elsewhere\"` to [link.between_hosts], or remove the key".into()
+            }
+            HostsProblem::NoneLeft(_) => "let one of them come back before, with `until`".into(),
+            HostsProblem::DownAlready(..) => "let it come back before, with `until`".into(),
             HostsProblem::Skew { scale: Some(thousandths), .. } => {
                 let scale = *thousandths as f64 / 1_000.0;
                 format!(
@@ -146,6 +162,9 @@ enum Placement {
     Cut,
 }
 
+/// The words for the loss of a host, and whether its modules are started elsewhere.
+const LOST: [(&str, bool); 2] = [("crash", false), ("elsewhere", true)];
+
 const PLACEMENTS: [(&str, Placement); 2] = [("blocks", Placement::Blocks), ("cut", Placement::Cut)];
 
 impl Placement {
@@ -199,6 +218,8 @@ pub struct RawHosts {
     link: RawLink,
     skew: Option<At<Vec<ClockOffset>>>,
     clock_error: Option<At<Span>>,
+    is_elsewhere: bool,
+    fence: Option<At<Span>>,
     pairs: Vec<(Pair, RawLink)>,
 }
 
@@ -216,12 +237,18 @@ impl RawHosts {
             Some(At::new(clocks.collect::<Option<Vec<_>>>()?, node.span()))
         });
         let clock_error = section.get("clock_error", diagnostics);
+        let is_elsewhere = section.choice("lost", "lost", &LOST, diagnostics).unwrap_or_default();
+        let fence: Option<At<Span>> = section.get("fence", diagnostics);
+        if let Some(At { place, .. }) = fence.as_ref().filter(|_| !is_elsewhere) {
+            diagnostics.add(place.clone(), HostsProblem::NeedsElsewhere("fence"));
+        }
         let pairs =
             section.node("pair").and_then(|node| elements(node, "[[link.between_hosts.pair]]", diagnostics));
         let pairs = pairs.into_iter().flat_map(|array| array.iter());
         let pairs = pairs.filter_map(|node| read_pair(node, diagnostics)).collect();
         section.finish(diagnostics);
-        Some(RawHosts { place: node.span().into(), division, placement, link, skew, clock_error, pairs })
+        let place = node.span().into();
+        Some(RawHosts { place, division, placement, link, skew, clock_error, is_elsewhere, fence, pairs })
     }
 
     /// Returns the place of the table.
@@ -314,7 +341,9 @@ impl RawHosts {
         }
         let contacts = if self.placement == Placement::Cut { contacts() } else { None };
         let homes = self.placement.homes(&division.sizes(modules), contacts);
-        Hosts::new(homes, clocks, links).ok()
+        let fence = self.fence.as_ref().map_or(FENCE, |fence| fence.value);
+        let lost = if self.is_elsewhere { Lost::Elsewhere { fence } } else { Lost::Crash };
+        Hosts::new(homes, clocks, links).ok().map(|hosts| hosts.with_lost(lost))
     }
 
     fn clocks(&self, hosts: usize, diagnostics: &mut Diagnostics) -> Option<Vec<ClockOffset>> {
@@ -444,6 +473,16 @@ pub fn schema() -> Definitions {
                         "clock_error": said(
                             "How far the clock of another machine may be off (real time); set by the hosts file. If left \
                              out, there is one clock.",
+                            of("time"),
+                        ),
+                        "lost": said(
+                            "The modules of a host that is lost: they have crashed (crash), or start on other hosts \
+                             without their memory (elsewhere). Default: crash.",
+                            json!({ "enum": ["crash", "elsewhere"] }),
+                        ),
+                        "fence": said(
+                            "How long a host is down before it counts as lost, on the simulated link; between machines \
+                             the hosts file says it. Only with lost = \"elsewhere\". Default: 10s.",
                             of("time"),
                         ),
                         "pair": said(

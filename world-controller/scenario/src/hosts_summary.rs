@@ -2,7 +2,7 @@
 
 use super::Plan;
 use metamorph_core::ids::HostId;
-use metamorph_core::link::{Between, Burst, End, Hosts, LinkModel};
+use metamorph_core::link::{Between, Burst, End, Hosts, LinkModel, Lost};
 use metamorph_core::time::Time;
 use metamorph_text::format::{listed, many, whole_percent};
 use std::fmt::{Result, Write};
@@ -43,6 +43,12 @@ pub fn write(out: &mut String, plan: &Plan, hosts: &Hosts) -> Result {
             "            clocks: {}{}",
             clocks[..clocks.len().min(SHOWN_MAX)].join(", "),
             dots(clocks.len())
+        )?;
+    }
+    if let Lost::Elsewhere { fence } = hosts.lost() {
+        writeln!(
+            out,
+            "            modules of a lost host start elsewhere, after {fence} where it is simulated"
         )?;
     }
     for ((a, b), link) in hosts.links() {

@@ -27,6 +27,7 @@ mod json;
 mod link_between;
 mod link_burst;
 pub mod operator;
+mod outages;
 mod placement;
 pub mod plan;
 pub mod plan_summary;

@@ -59,7 +59,7 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
         let bounds = Bounds { modules: draft.modules, hosts: hosts.as_ref(), timeout, swarm };
         let mut compiled = fault_plan::compile(&raw.faults, &bounds, diagnostics);
         let commands = commands::check(&raw.commands, &bounds, diagnostics);
-        compiled.planned.extend(commands.into_iter().map(Planned::Command));
+        compiled.planned.extend(commands.into_iter().map(Planned::Exactly));
         for HostCut { hosts: (a, b), from, until } in compiled.cuts {
             hosts.iter_mut().for_each(|hosts| hosts.cut(a, b, from, until));
         }

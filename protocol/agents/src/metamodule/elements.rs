@@ -14,7 +14,9 @@ use metamorph_planning::manipulation::load::{LoadLimits, LoadTable, Peak};
 use metamorph_planning::manipulation::rest::rests;
 use metamorph_roombots::Kind;
 use metamorph_roombots::database::Database;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use std::panic::UnwindSafe;
+use std::sync::{Arc, LazyLock};
 use thiserror::Error;
 
 /// Largest number of elements of a swarm.
@@ -68,12 +70,63 @@ struct GripTable {
     peaks: Vec<Peak>,
 }
 
+/// Makes the tables of grips: of each the shape of the element, its mass in grams, and the grip.
+fn make(database: &Database, kind: Kind, grips: &[(Element, u32, Grip)]) -> Vec<GripTable> {
+    let (mut sweeper, table) = (ElementSweeper::new(), database.table(kind));
+    let mut make = |(_, grams, grip): &(Element, u32, Grip)| {
+        let carry = CarryTable::new(database, kind, grip, &mut sweeper);
+        let loads = LoadTable::new(table, &carry, Face::Down);
+        let peaks = (0..carry.steps().len()).map(|step| loads.peak(step, *grams)).collect();
+        GripTable { carry, peaks }
+    };
+    grips.iter().map(&mut make).collect()
+}
+
+type Making = Box<dyn FnOnce() -> Vec<GripTable> + Send + UnwindSafe>;
+
+/// The tables of grips; `None` if there are none. Making them takes up to a second, and a reader of scenarios needs none, so they
+/// are made when the first is needed. Clones share them.
+#[derive(Clone, Debug)]
+struct Tables(Option<Arc<LazyLock<Vec<GripTable>, Making>>>);
+
+impl Tables {
+    fn new(make: Making) -> Tables {
+        Tables(Some(Arc::new(LazyLock::new(make))))
+    }
+
+    fn all(&self) -> &[GripTable] {
+        self.0.as_ref().map_or(&[], |made| made.as_slice())
+    }
+}
+
+impl PartialEq for Tables {
+    fn eq(&self, other: &Tables) -> bool {
+        let are_shared = self.0.as_ref().zip(other.0.as_ref()).is_some_and(|(a, b)| Arc::ptr_eq(a, b));
+        are_shared || self.all() == other.all()
+    }
+}
+
+impl Eq for Tables {}
+
+impl Serialize for Tables {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.all().serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Tables {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Tables, D::Error> {
+        let read = Vec::deserialize(deserializer)?;
+        Ok(Tables::new(Box::new(move || read)))
+    }
+}
+
 /// The elements of a swarm and their grips.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Elements {
     all: Vec<PassiveElement>,
     grips: Vec<ElementGrip>,
-    tables: Vec<GripTable>,
+    tables: Tables,
     /// By element and goal of the swarm, whether it is not held there.
     lying: Vec<Vec<bool>>,
     limits: LoadLimits,
@@ -81,22 +134,26 @@ pub struct Elements {
 
 impl Elements {
     /// No elements.
-    pub const NONE: Elements =
-        Elements { all: vec![], grips: vec![], tables: vec![], lying: vec![], limits: LoadLimits::NOMINAL };
+    pub const NONE: Elements = Elements {
+        all: vec![],
+        grips: vec![],
+        tables: Tables(None),
+        lying: vec![],
+        limits: LoadLimits::NOMINAL,
+    };
 
-    /// Generates the tables of all elements. Of each, the grips are those that a metamodule in one of the `heads` of a goal
+    /// Describes the tables of all elements. Of each, the grips are those that a metamodule in one of the `heads` of a goal
     /// has when the element is where that goal has it, since tables of large elements have hundreds of kilobytes each. An
     /// element that is not held at any goal has its first eight grips.
     pub fn new(
-        database: &Database,
+        database: &Arc<Database>,
         kind: Kind,
         all: Vec<PassiveElement>,
         heads: &[Vec<Pose>],
         limits: LoadLimits,
     ) -> Result<Elements, ElementsError> {
-        let (mut grips, mut tables, mut lying) = (Vec::new(), Vec::new(), Vec::new());
-        let (mut sweeper, table) = (ElementSweeper::new(), database.table(kind));
-        let mut known: Vec<(&PassiveElement, Grip, usize)> = Vec::new();
+        let (mut grips, mut lying, table) = (Vec::new(), Vec::new(), database.table(kind));
+        let mut known: Vec<(Element, u32, Grip)> = Vec::new();
         for (element, passive) in all.iter().enumerate() {
             let every = passive.shape.grips();
             let is_held = |grip: &Grip, goal: u8| {
@@ -114,21 +171,18 @@ impl Elements {
                 used = every.iter().take(MAX_LYING_GRIPS).collect();
             }
             for grip in used {
-                let same = |(of, g, _): &&(&PassiveElement, Grip, usize)| {
-                    (&of.shape, of.grams, g) == (&passive.shape, passive.grams, grip)
+                let same = |(shape, grams, other): &(Element, u32, Grip)| {
+                    (shape, *grams, other) == (&passive.shape, passive.grams, grip)
                 };
-                let number = known.iter().find(same).map_or(tables.len(), |(.., number)| *number);
-                if number == tables.len() {
-                    let carry = CarryTable::new(database, kind, grip, &mut sweeper);
-                    let loads = LoadTable::new(table, &carry, Face::Down);
-                    let steps = 0..carry.steps().len();
-                    let peaks = steps.map(|step| loads.peak(step, passive.grams)).collect();
-                    tables.push(GripTable { carry, peaks });
-                    known.push((passive, grip.clone(), number));
+                let number = known.iter().position(same).unwrap_or(known.len());
+                if number == known.len() {
+                    known.push((passive.shape.clone(), passive.grams, grip.clone()));
                 }
                 grips.push(ElementGrip { element, table: number });
             }
         }
+        let database = Arc::clone(database);
+        let tables = Tables::new(Box::new(move || make(&database, kind, &known)));
         match grips.len() {
             n if n > Load::MAX_GRIPS => Err(ElementsError::TooManyGrips(n)),
             _ => Ok(Elements { all, grips, tables, lying, limits }),
@@ -171,7 +225,7 @@ impl Elements {
         self.table(load)?.peaks.get(step).copied()
     }
     fn table(&self, load: Load) -> Option<&GripTable> {
-        self.tables.get(self.grips.get(load.grip()?)?.table)
+        self.tables.all().get(self.grips.get(load.grip()?)?.table)
     }
 }
 

@@ -8,6 +8,8 @@ use super::{LinkModel, Partition};
 use crate::ids::{HostId, ModuleId};
 use crate::rng::Rng;
 use crate::time::{Span, Time};
+use alloc::collections::BTreeSet;
+use alloc::vec;
 use alloc::vec::Vec;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -28,6 +30,30 @@ impl ClockOffset {
     pub fn global(self, at: Time) -> Time {
         ClockOffset(self.0.saturating_neg()).local(at)
     }
+}
+
+/// The consequence of the loss of a host for its modules.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Lost {
+    /// They have crashed.
+    #[default]
+    Crash,
+    /// They are started on other hosts, without their memory.
+    Elsewhere {
+        /// How long nothing is heard of a host before it counts as lost (scenario time), on the simulated link.
+        fence: Span,
+    },
+}
+
+/// An event of a host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum HostChange {
+    /// It is down: no process can be started there.
+    Down,
+    /// It counts as lost: its modules are at home on other hosts from now on.
+    Lost,
+    /// It has come back: processes can be started there.
+    Back,
 }
 
 /// Why a set of hosts is invalid.
@@ -59,6 +85,10 @@ pub struct Hosts {
     clocks: Vec<ClockOffset>,
     /// The link of each pair of hosts, in the order of [`Hosts::pairs`].
     links: Vec<LinkModel>,
+    lost: Lost,
+    /// The hosts that are down at present; a run starts without any.
+    #[serde(skip)]
+    down: BTreeSet<HostId>,
 }
 
 impl Hosts {
@@ -84,7 +114,18 @@ impl Hosts {
         if links.len() != pairs {
             return Err(HostsError::Links { pairs, found: links.len() });
         }
-        Ok(Hosts { homes, clocks, links })
+        Ok(Hosts { homes, clocks, links, lost: Lost::Crash, down: BTreeSet::new() })
+    }
+
+    /// Sets the consequence of the loss of a host.
+    #[must_use]
+    pub fn with_lost(self, lost: Lost) -> Hosts {
+        Hosts { lost, ..self }
+    }
+
+    /// Returns the consequence of the loss of a host.
+    pub fn lost(&self) -> Lost {
+        self.lost
     }
 
     /// Iterates over the pairs of `count` hosts: (h1, h2), (h1, h3), (h2, h3), (h1, h4), ...
@@ -109,6 +150,19 @@ impl Hosts {
     pub fn home_of(&self, id: ModuleId) -> Option<HostId> {
         self.homes.get(id.index()).copied()
     }
+    /// Returns the home of each module, by number.
+    pub fn homes(&self) -> &[HostId] {
+        &self.homes
+    }
+    /// Gives each module a home, by number.
+    ///
+    /// # Errors
+    /// If a home does not exist. Nothing has changed then.
+    pub fn set_homes(&mut self, homes: Vec<HostId>) -> Result<(), HostsError> {
+        let there = Hosts::new(homes, self.clocks.clone(), self.links.clone())?;
+        self.homes = there.homes;
+        Ok(())
+    }
     /// Returns true if the module exists and is at home on this host.
     pub fn is_home(&self, id: ModuleId, host: HostId) -> bool {
         self.home_of(id) == Some(host)
@@ -117,6 +171,41 @@ impl Hosts {
     pub fn modules(&self, host: HostId) -> impl Iterator<Item = ModuleId> {
         (0u32..).zip(&self.homes).filter(move |(_, home)| **home == host).map(|(i, _)| ModuleId(i))
     }
+    /// Returns true if a host is down: no module can be started there.
+    pub fn is_down(&self, host: HostId) -> bool {
+        self.down.contains(&host)
+    }
+
+    /// Notes that a host is down. Its modules stay at home there until it counts as lost.
+    pub fn go_down(&mut self, host: HostId) {
+        self.down.insert(host);
+    }
+
+    /// Notes that a host has come back: modules can be started there.
+    pub fn come_back(&mut self, host: HostId) {
+        self.down.remove(&host);
+    }
+
+    /// Gives each module of a lost host another home: the host with the fewest modules that is not down and has room, and of
+    /// several the first. `room` is the number of modules that a host takes. A module for which there is no room stays at
+    /// home on the lost host. Returns the modules that have moved.
+    pub fn lose(&mut self, host: HostId, room: impl Fn(HostId) -> usize) -> Vec<ModuleId> {
+        self.go_down(host);
+        let mut sizes = vec![0; self.len()];
+        self.homes.iter().for_each(|home| sizes[home.index()] += 1);
+        let mut moved = Vec::new();
+        for id in self.modules(host).collect::<Vec<_>>() {
+            // Invariant: there are fewer than 2^16 hosts.
+            let all = (0..self.len() as u16).map(HostId);
+            let takes = |other: &HostId| !self.is_down(*other) && sizes[other.index()] < room(*other);
+            let Some(to) = all.filter(takes).min_by_key(|other| sizes[other.index()]) else { break };
+            self.homes[id.index()] = to;
+            sizes[to.index()] += 1;
+            moved.push(id);
+        }
+        moved
+    }
+
     /// Returns the clock of a host.
     pub fn clock(&self, host: HostId) -> ClockOffset {
         self.clocks[host.index()]
@@ -140,11 +229,10 @@ impl Hosts {
         self.link(a, b).healed_at(now) != now
     }
 
-    /// Cuts the link between two different hosts for a while.
+    /// Cuts the link between two different hosts for a while. All messages that would cross are concerned, so the partition
+    /// has no sides.
     pub fn cut(&mut self, a: HostId, b: HostId, from: Time, until: Time) {
-        let side = self.modules(a).collect();
-        let index = link_index(a, b);
-        self.links[index].partitions.push(Partition { from, until, side });
+        self.links[link_index(a, b)].partitions.push(Partition { from, until, side: Vec::new() });
     }
 
     /// Returns the link that messages between two modules cross; `None` if both are at home on one host.
@@ -228,6 +316,47 @@ mod tests {
         assert!(times.is_sorted() && times[0] >= Time(10));
         let mut at = |now| hosts.stream(HostId(2), Time(now), &mut rng, &mut Time::ZERO.clone());
         assert_eq!([99, 100, 899, 900].map(&mut at), [Time(99), Time(900), Time(900), Time(900)]);
+    }
+
+    #[test]
+    fn modules_of_a_lost_host_move_to_the_emptiest_with_room() {
+        let before = hosts(vec![delayed(1), delayed(2), delayed(3)]);
+        let homes = |hosts: &Hosts| (0..4).map(|id| hosts.home(ModuleId(id)).0).collect::<Vec<_>>();
+        let lose = |room: [usize; 3], down: &[u16]| {
+            let mut hosts = before.clone();
+            down.iter().for_each(|host| hosts.go_down(HostId(*host)));
+            let moved = hosts.lose(HostId(1), |host| room[host.index()]);
+            (moved.iter().map(|id| id.0).collect::<Vec<_>>(), homes(&hosts))
+        };
+        assert_eq!(lose([9, 9, 9], &[]), (vec![1, 3], vec![0, 0, 2, 2]));
+        assert_eq!(lose([1, 9, 9], &[]), (vec![1, 3], vec![0, 2, 2, 2]));
+        assert_eq!(lose([1, 9, 2], &[]), (vec![1], vec![0, 2, 2, 1]));
+        assert_eq!(lose([9, 9, 9], &[0]), (vec![1, 3], vec![0, 2, 2, 2]));
+        assert_eq!(lose([9, 9, 9], &[0, 2]), (vec![], vec![0, 1, 2, 1]));
+        let mut hosts = before.clone();
+        hosts.lose(HostId(1), |_| 9);
+        hosts.come_back(HostId(1));
+        assert_eq!((hosts.lose(HostId(2), |_| 9).len(), homes(&hosts)), (2, vec![0, 0, 1, 1]));
+    }
+
+    #[test]
+    fn a_cut_concerns_modules_that_have_moved() {
+        let mut hosts = hosts(vec![delayed(1), delayed(2), delayed(3)]);
+        hosts.cut(HostId(0), HostId(2), Time(10), Time(20));
+        hosts.lose(HostId(1), |_| 9);
+        let model = LinkModel { hosts: Some(Arc::new(hosts)), ..LinkModel::default() };
+        let mut rng = Rng::named(1, "link", 0);
+        let mut arrives = |now, from, to| {
+            let fate =
+                model.carry(Time(now), ModuleId(from), ModuleId(to), &mut rng, &mut LinkState::default());
+            fate.arrivals[0].is_some()
+        };
+        // Modules 0 and 1 are on the first host, 2 and 3 on the third.
+        assert_eq!(
+            [arrives(9, 1, 3), arrives(10, 1, 3), arrives(10, 3, 1), arrives(20, 1, 3)],
+            [true, false, false, true]
+        );
+        assert_eq!([arrives(10, 0, 1), arrives(10, 2, 3)], [true, true]);
     }
 
     #[test]

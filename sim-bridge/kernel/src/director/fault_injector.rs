@@ -5,7 +5,7 @@ use crate::director::commands::{COMMAND_INPUT, Commands};
 use crate::director::faults::{Fault, FaultRecord, Origin, Schedule, Scheduled, WorldFault};
 use crate::director::link_faults::LinkFault;
 use metamorph_core::ids::ModuleId;
-use metamorph_core::link::LinkChanges;
+use metamorph_core::link::{HostChange, LinkChanges};
 use metamorph_core::record::Outside;
 use metamorph_core::runtime::Command;
 use metamorph_core::time::Time;
@@ -26,6 +26,8 @@ pub struct FaultInjector {
     struck: Vec<FaultRecord>,
     crashed: u64,
     restarted: u64,
+    /// Modules whose process was alive when it was last killed: those of a lost host are started elsewhere.
+    felled: BTreeSet<ModuleId>,
 }
 
 impl FaultInjector {
@@ -106,10 +108,16 @@ impl FaultInjector {
     }
     /// Returns the next fault that is due.
     pub fn due(&mut self, now: Time) -> Option<Fault> {
-        let scheduled = self.schedule.get(self.next).filter(|scheduled| scheduled.at <= now)?;
-        self.next += 1;
-        self.by = scheduled.by;
-        Some(scheduled.fault)
+        loop {
+            let scheduled = self.schedule.get(self.next).filter(|scheduled| scheduled.at <= now)?;
+            self.next += 1;
+            self.by = scheduled.by;
+            match (scheduled.by, scheduled.fault) {
+                // A module that was dead before its host was lost stays dead.
+                (Origin::External, Fault::Restart(id)) if !self.felled.remove(&id) => {}
+                (_, fault) => return Some(fault),
+            }
+        }
     }
     /// Returns when the next fault is due.
     pub fn next_at(&self) -> Time {
@@ -137,7 +145,13 @@ impl FaultInjector {
         self.struck.push(FaultRecord { at: now, fault, by: self.by, effect });
         match fault {
             Fault::Links(fault) => self.change_links(now, fault, commands),
-            Fault::Kill(id) => commands.push_back(Command::Kill(id)),
+            Fault::Kill(id) => {
+                match alive {
+                    true => self.felled.insert(id),
+                    false => self.felled.remove(&id),
+                };
+                commands.push_back(Command::Kill(id));
+            }
             Fault::Pause(id) => {
                 self.paused.insert(id);
                 commands.push_back(Command::Pause(id));
@@ -153,13 +167,25 @@ impl FaultInjector {
                 self.restarted += 1;
                 commands.push_back(Command::Restart(id));
             }
+            Fault::Host(host, change) => {
+                let effect = match change {
+                    HostChange::Down => "its modules are killed",
+                    HostChange::Lost => {
+                        "it was down for the time of `fence`, and its modules start elsewhere"
+                    }
+                    HostChange::Back => "modules can be started there",
+                };
+                if let Some(struck) = self.struck.last_mut() {
+                    struck.effect = format!("{host}: {effect}");
+                }
+                commands.push_back(Command::Host(host, change));
+            }
             // The first two hit bodies, the next an agent and the world; the last has happened already.
             Fault::Stick(_)
             | Fault::Unstick(_)
             | Fault::Steer(..)
             | Fault::World(..)
-            | Fault::External(_)
-            | Fault::HostLost(_) => {}
+            | Fault::External(_) => {}
         }
     }
     /// Changes the links, and schedules the end of that. The end of an earlier change of the kind no longer counts.
@@ -180,14 +206,28 @@ impl FaultInjector {
         }
         commands.push_back(Command::Links(self.links));
     }
-    /// Notes that a process was killed, stopped or continued from outside, or that its host was lost; `found` describes the
-    /// state of the process.
+    /// Notes that a process was killed, stopped or continued from outside, that its host was lost, or that a host is back;
+    /// `found` describes the state of the process. The modules that are named are started again.
     pub fn external(&mut self, now: Time, id: ModuleId, what: &Outside, found: &str) {
         let (fault, effect) = match what {
-            Outside::HostLost { host, .. } => (Fault::HostLost(*host), what.to_string()),
+            Outside::HostLost { host, restarts, .. } => {
+                self.restart_all(now, restarts);
+                (Fault::Host(*host, HostChange::Lost), what.to_string())
+            }
+            Outside::HostBack { host, restarts } => {
+                self.restart_all(now, restarts);
+                (Fault::Host(*host, HostChange::Back), what.to_string())
+            }
             what => (Fault::External(id), format!("{what}; {found}")),
         };
         self.struck.push(FaultRecord { at: now, fault, by: Origin::External, effect });
+    }
+    fn restart_all(&mut self, now: Time, modules: &[ModuleId]) {
+        for id in modules {
+            self.felled.insert(*id);
+            let restart = Scheduled { at: now, fault: Fault::Restart(*id), by: Origin::External };
+            self.schedule.insert(self.next, restart);
+        }
     }
     /// Notes that a process has ended.
     pub fn died(&mut self, id: ModuleId) {

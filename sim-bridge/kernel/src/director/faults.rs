@@ -5,6 +5,7 @@ use crate::director::link_faults::LinkFault;
 use crate::director::steering::{LONGEST_LEASE, Steering, read_cell, read_shift};
 use metamorph_core::ids::{HostId, ModuleId};
 use metamorph_core::lattice::Cell;
+use metamorph_core::link::HostChange;
 use metamorph_core::time::Time;
 use std::fmt;
 use std::str::FromStr;
@@ -108,8 +109,9 @@ pub enum Fault {
     World(&'static WorldFault, Target),
     /// A process was killed, stopped or continued from outside the run; no schedule contains this.
     External(ModuleId),
-    /// A host was lost with all its processes; no schedule contains this.
-    HostLost(HostId),
+    /// A host goes down, counts as lost, or comes back. Of a scenario it is planned beside the deaths of its processes; no
+    /// command contains this.
+    Host(HostId, HostChange),
 }
 
 impl Fault {
@@ -124,7 +126,7 @@ impl Fault {
             | Fault::Unstick(id)
             | Fault::Steer(id, _)
             | Fault::External(id) => id,
-            Fault::World(..) | Fault::Links(_) | Fault::HostLost(_) => return None,
+            Fault::World(..) | Fault::Links(_) | Fault::Host(..) => return None,
         })
     }
     /// Returns all modules that it names: at most two.
@@ -141,6 +143,7 @@ impl Fault {
         match self {
             Fault::World(kind, _) => kind.harms,
             Fault::Links(fault) => fault.end().is_some(),
+            Fault::Host(_, change) => !matches!(change, HostChange::Back),
             _ => !matches!(self, Fault::Resume(_) | Fault::Unstick(_) | Fault::Steer(..)),
         }
     }
@@ -237,7 +240,9 @@ impl fmt::Display for Fault {
             Fault::World(kind, target) => write!(f, "{} {target}", kind.name),
             Fault::Links(fault) => write!(f, "{} {fault}", fault.verb()),
             Fault::External(id) => write!(f, "external {id}"),
-            Fault::HostLost(host) => write!(f, "lost {host}"),
+            Fault::Host(host, HostChange::Down) => write!(f, "down {host}"),
+            Fault::Host(host, HostChange::Lost) => write!(f, "lost {host}"),
+            Fault::Host(host, HostChange::Back) => write!(f, "back {host}"),
         }
     }
 }

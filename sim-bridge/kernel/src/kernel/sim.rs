@@ -26,9 +26,9 @@ use metamorph_core::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use metamorph_core::counters::{Class, Tally};
 use metamorph_core::coverage::{CoveragePoint, hit};
 use metamorph_core::host::{AgentHost, StepContext};
-use metamorph_core::ids::{Incarnation, ModuleId, Port, Revision};
+use metamorph_core::ids::{HostId, Incarnation, ModuleId, Port, Revision};
 use metamorph_core::latency::Latencies;
-use metamorph_core::link::{LinkModel, LinkState};
+use metamorph_core::link::{HostChange, LinkModel, LinkState};
 use metamorph_core::record::MessageName;
 use metamorph_core::rng::Rng;
 use metamorph_core::runtime::Command;
@@ -111,6 +111,8 @@ pub struct Sim<W: Audited, D: DirectorPort<W>> {
     /// The instant of the latest input to an agent, and how many there have been at it.
     instant: (Time, u64),
     finished: bool,
+    /// True until all agents have their first contacts.
+    is_beginning: bool,
     /// True if everything was audited after the end.
     audited: bool,
     log: Option<Log>,
@@ -163,6 +165,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             findings: Findings::default(),
             instant: (Time::ZERO, 0),
             finished: false,
+            is_beginning: true,
             audited: false,
             log,
         };
@@ -171,6 +174,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         }
         sim.audit_all();
         sim.settle();
+        sim.is_beginning = false;
         sim
     }
 
@@ -516,13 +520,23 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             Command::Restart(id) => {
                 let module = &self.modules[id.index()];
                 // A module has 65,536 incarnations; after the last it stays dead.
-                if let Some(next) = module.incarnation.0.checked_add(1).filter(|_| !module.is_alive()) {
+                let is_possible = !module.is_alive() && self.config.link.has_place(id);
+                if let Some(next) = module.incarnation.0.checked_add(1).filter(|_| is_possible) {
                     self.start(id, Incarnation(next));
                 }
             }
             Command::Order(id, order) => self.pass(id, BodyMessage::Order(order)),
             Command::Finish => self.finished = true,
             Command::Links(changes) => self.config.link.changes = changes,
+            Command::Host(host, change) => self.change_host(host, change),
+        }
+    }
+
+    fn change_host(&mut self, host: HostId, change: HostChange) {
+        self.trace.event(self.now, 11 + change as u8, u32::from(host.0), 0);
+        self.config.link.change_host(host, change);
+        if let Some((streams, hosts)) = self.hosts.as_mut().zip(self.config.link.hosts.clone()) {
+            streams.hosts = hosts;
         }
     }
 
@@ -548,6 +562,8 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         let (place, seed, born) = (self.world.place(id), self.config.seed, self.now);
         let birth = Birth { id, incarnation, place, seed, born };
         let module = &mut self.modules[id.index()];
+        // Its home may be another one than that of its last incarnation.
+        module.clock = self.config.link.clock(id);
         let now = module.clock.local(born);
         module.agent = Some(match &self.log {
             None => AgentHost::new(&self.config.setup, birth, now),

@@ -6,7 +6,9 @@
 //! messages are late.
 
 use super::commands;
-use super::generated_scenario::{Break, GeneratedFault, GeneratedLink, GeneratedScenario, OwnLink};
+use super::generated_scenario::{
+    Break, GeneratedFault, GeneratedHosts, GeneratedLink, GeneratedScenario, OwnLink,
+};
 use metamorph_families::generated::Dice;
 use metamorph_processes::family::{Family, all};
 use metamorph_protocol::rng::Rng;
@@ -137,6 +139,9 @@ fn draft(dice: &mut Dice, seed: u64, family: &dyn Family, elements: bool) -> Gen
     }
     let commands = commands::draw(&draft, family);
     draft.faults.extend(commands);
+    let (hosts, outages) = hosts(seed, draft.modules());
+    draft.link.hosts = hosts;
+    draft.faults.extend(outages);
     draft.link.until = end_of_harm(dice, &draft);
     draft.patience = family.patience(draft.failed_connections > 0, draft.link.longest());
     if lasts(&draft) {
@@ -167,7 +172,38 @@ fn link(dice: &mut Dice) -> GeneratedLink {
         quantiles: None,
         burst: None,
         own: None,
+        hosts: None,
     }
+}
+
+/// Number of the first seed for which several hosts are drawn, which go down and come back.
+const HOSTS_FROM: u64 = 1 << 40;
+/// Largest number of hosts drawn.
+const HOSTS_MAX: u64 = 4;
+
+/// Draws hosts, if the seed is large enough and there are modules for them.
+fn hosts(seed: u64, modules: usize) -> (Option<GeneratedHosts>, Vec<GeneratedFault>) {
+    if seed < HOSTS_FROM || modules < 2 {
+        return (None, Vec::new());
+    }
+    let mut dice = Dice(Rng::named(seed, "explore, hosts", 0));
+    let count = dice.within(2, HOSTS_MAX.min(modules as u64)) as u16;
+    let fence = (!dice.once_in(4)).then(|| dice.pick(&[500, 3_000, 10_000, 30_000]));
+    let delay = dice.pick(&[(0, 0), (10, 100), (300, 900), (0, 3_000)]);
+    let drawn = GeneratedHosts { count, delay, loss: dice.pick(&[0, 0, 5, 20]), fence };
+    // One of them stays, so that there is room for the modules of the others.
+    let stays = dice.0.below(u64::from(count)) as u16;
+    let horizon = dice.pick(&[500, 2_000, 6_000]);
+    let mut faults = Vec::new();
+    for host in (0..count).filter(|host| *host != stays) {
+        let at = dice.within(0, horizon) * 10;
+        let lasts = dice.pick(&[500, 3_000, 15_000, 60_000]);
+        let until = (fence.is_some() && !dice.once_in(3)).then_some(at + lasts);
+        if !dice.once_in(3) {
+            faults.push(GeneratedFault { what: Break::KillHost(host), at, until });
+        }
+    }
+    (Some(drawn), faults)
 }
 
 /// Number of the first seed for which quantiles of the delay, bursts and links of single modules are drawn.
@@ -259,6 +295,7 @@ fn storm(dice: &mut Dice, modules: u64, faults: &mut Vec<GeneratedFault>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use metamorph_protocol::link::Lost;
     use std::collections::BTreeSet;
 
     #[test]
@@ -314,6 +351,26 @@ mod tests {
         };
         assert_eq!(kinds(0), BTreeSet::from([[false; 3]]));
         assert_eq!(kinds(LINKS_FROM).len(), 8);
+    }
+
+    /// Hosts that are lost, with modules that crash or start elsewhere, and hosts that are back are drawn, for large seeds only.
+    #[test]
+    fn hosts_are_drawn() {
+        let kinds = |from: u64| -> BTreeSet<(bool, bool, bool)> {
+            let kind = |seed| {
+                let (draft, plan) = draw(seed, Some(all()[0]));
+                let lost = plan.link.hosts.as_ref().map(|hosts| hosts.lost());
+                let struck = |f: &&GeneratedFault| matches!(f.what, Break::KillHost(_));
+                let is_back = draft.faults.iter().filter(struck).any(|f| f.until.is_some());
+                (lost.is_some(), matches!(lost, Some(Lost::Elsewhere { .. })), is_back)
+            };
+            (from..from + 60).map(kind).collect()
+        };
+        assert_eq!(kinds(RESCUE_FROM), BTreeSet::from([(false, false, false)]));
+        let drawn = kinds(HOSTS_FROM);
+        assert!(
+            [(true, true, true), (true, true, false), (true, false, false)].iter().all(|k| drawn.contains(k))
+        );
     }
 
     /// Permanent impairments are drawn, with the bounds that follow from them, and smaller seeds draw none.

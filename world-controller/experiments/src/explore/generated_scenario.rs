@@ -6,7 +6,7 @@
 use metamorph_families::generated::{GeneratedSwarm, cells};
 use metamorph_processes::family::read_text;
 use metamorph_protocol::defects::Defect;
-use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::ids::{HostId, ModuleId};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::time::Span;
 use metamorph_scenario::diagnostics::Diagnostics;
@@ -59,6 +59,21 @@ pub struct GeneratedLink {
     pub burst: Option<[u8; 3]>,
     /// The link of one module, if it is another one.
     pub own: Option<OwnLink>,
+    /// The hosts, if there are several.
+    pub hosts: Option<GeneratedHosts>,
+}
+
+/// Several hosts with equal blocks of modules, and the link between them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GeneratedHosts {
+    /// How many.
+    pub count: u16,
+    /// The shortest and the longest delay between them.
+    pub delay: (u64, u64),
+    /// Messages lost between them.
+    pub loss: u8,
+    /// After how long the modules of a host that is down start elsewhere; `None` if they have crashed.
+    pub fence: Option<u64>,
 }
 
 /// The link between a module and all others.
@@ -86,13 +101,17 @@ impl GeneratedLink {
     /// Returns true if it does more than delay messages.
     pub fn harms(&self) -> bool {
         let own = self.own.map_or(0, |own| own.loss);
+        let between = self.hosts.map_or(0, |hosts| hosts.loss);
         self.burst.is_some()
-            || [self.loss, self.duplicate, self.reorder, self.corrupt, own].iter().any(|evil| *evil > 0)
+            || [self.loss, self.duplicate, self.reorder, self.corrupt, own, between]
+                .iter()
+                .any(|evil| *evil > 0)
     }
     /// Returns the longest delay.
     pub fn longest(&self) -> u64 {
         let usual = self.quantiles.map_or(self.delay.1, |[_, _, all]| all);
-        usual.max(self.own.map_or(0, |own| own.delay.1))
+        let between = self.hosts.map_or(0, |hosts| hosts.delay.1);
+        usual.max(self.own.map_or(0, |own| own.delay.1)).max(between)
     }
 }
 
@@ -124,6 +143,16 @@ impl fmt::Display for GeneratedLink {
             let (min, max) = (Span::millis(min), Span::millis(max));
             writeln!(f, "\n[[link.between]]\nmodules = [{module}, \"any\"]\none_way = {one_way}")?;
             writeln!(f, "delay = \"{min}..{max}\"\nloss = \"{loss}%\"")?;
+        }
+        if let Some(GeneratedHosts { count, delay: (min, max), loss, fence }) = self.hosts {
+            let (min, max) = (Span::millis(min), Span::millis(max));
+            writeln!(
+                f,
+                "\n[link.between_hosts]\nhosts = {count}\ndelay = \"{min}..{max}\"\nloss = \"{loss}%\""
+            )?;
+            if let Some(fence) = fence.map(Span::millis) {
+                writeln!(f, "lost = \"elsewhere\"\nfence = \"{fence}\"")?;
+            }
         }
         Ok(())
     }
@@ -157,6 +186,8 @@ pub enum Break {
     Obstacle(Cell),
     /// An element is dropped.
     Drop(u16),
+    /// A host goes down, and may come back.
+    KillHost(u16),
     /// An operator commands this, and at the end that, if there is an end.
     Command(Fault, Option<Fault>),
 }
@@ -172,6 +203,7 @@ impl Break {
             Break::Partition(_) => "partition",
             Break::Obstacle(_) => "obstacle",
             Break::Drop(_) => "drop",
+            Break::KillHost(_) => "kill_host",
             Break::Command(..) => "command",
         }
     }
@@ -191,6 +223,7 @@ impl Break {
             Break::Partition(side) => Break::Partition(side.iter().map(one).collect()),
             Break::Obstacle(cell) => Break::Obstacle(*cell),
             Break::Drop(element) => Break::Drop(*element),
+            Break::KillHost(host) => Break::KillHost(*host),
         }
     }
     /// Returns the same fault after module `gone` is removed and later ones are renumbered; `None` if only
@@ -218,6 +251,7 @@ impl Break {
             }
             Break::Obstacle(cell) => Break::Obstacle(*cell),
             Break::Drop(element) => Break::Drop(*element),
+            Break::KillHost(host) => Break::KillHost(*host),
         })
     }
 }
@@ -234,7 +268,7 @@ fn with_modules(fault: Fault, other: impl Fn(ModuleId) -> Option<ModuleId>) -> O
         Fault::Steer(id, Steering::Swap(with)) => Fault::Steer(other(id)?, Steering::Swap(other(with)?)),
         Fault::Steer(id, steering) => Fault::Steer(other(id)?, steering),
         Fault::External(id) => Fault::External(other(id)?),
-        Fault::Links(_) | Fault::World(..) | Fault::HostLost(_) => fault,
+        Fault::Links(_) | Fault::World(..) | Fault::Host(..) => fault,
     })
 }
 
@@ -304,6 +338,7 @@ impl fmt::Display for GeneratedFault {
             Break::Stick(id) => write!(f, "stick = {id}\nat = \"{at}\"\n{end}"),
             Break::Obstacle(cell) => write!(f, "obstacle = {}\nat = \"{at}\"\n{end}", cells(&[*cell])),
             Break::Drop(element) => writeln!(f, "drop = {element}\nat = \"{at}\""),
+            Break::KillHost(host) => write!(f, "kill_host = \"{}\"\nat = \"{at}\"\n{end}", HostId(*host)),
             // Written above.
             Break::Command(..) => Ok(()),
             Break::Partition(side) => {

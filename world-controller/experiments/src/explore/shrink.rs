@@ -3,7 +3,7 @@
 //!
 //! Any change alters the delays drawn, so every candidate is also tried with a few other seeds.
 
-use super::generated_scenario::{Break, GeneratedLink, GeneratedScenario};
+use super::generated_scenario::{Break, GeneratedHosts, GeneratedLink, GeneratedScenario};
 use metamorph_families::generated::{GeneratedSwarm, Smaller, parts};
 
 /// Seeds tried besides the current one.
@@ -102,12 +102,21 @@ fn simpler_link(draft: &GeneratedScenario, found: &mut Vec<GeneratedScenario>) {
         GeneratedLink { quantiles: None, ..link },
         GeneratedLink { burst: None, ..link },
         GeneratedLink { own: None, ..link },
+        GeneratedLink {
+            hosts: link.hosts.map(|hosts| GeneratedHosts { loss: 0, delay: link.delay, ..hosts }),
+            ..link
+        },
         GeneratedLink { until: link.until.filter(|_| link.harms()), ..link },
         GeneratedLink { delay: (link.delay.1, link.delay.1), ..link },
     ];
     found.extend(
         simpler.into_iter().filter(|l| *l != link).map(|link| GeneratedScenario { link, ..draft.clone() }),
     );
+    if link.hosts.is_some() {
+        let mut without = GeneratedScenario { link: GeneratedLink { hosts: None, ..link }, ..draft.clone() };
+        without.faults.retain(|fault| !matches!(fault.what, Break::KillHost(_)));
+        found.push(without);
+    }
     if draft.failed_connections > 0 {
         found.push(GeneratedScenario { failed_connections: 0, ..draft.clone() });
     }

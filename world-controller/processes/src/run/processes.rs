@@ -189,8 +189,13 @@ pub fn run<R: Runnable>(swarm: &R, plan: &Plan, processes: Processes<'_>) -> Res
     }
     options.patience = if keeping.is_some() { patience } else { Duration::ZERO };
     let brain = swarm.director(plan);
-    let director =
-        Watched::<R> { brain, plan, live, meter: Meter::new(&options), share: Arc::clone(&options.share) };
+    let director = Watched::<R> {
+        brain,
+        plan,
+        live,
+        meter: Meter::new(&options.root),
+        share: Arc::clone(&options.share),
+    };
     tracing::info!(modules = world.len(), seed = plan.seed, "the swarm starts");
     let before = since.elapsed();
     let setup = swarm.setup().as_ref();
@@ -250,7 +255,7 @@ pub fn resume<R: Runnable>(
         brain: director,
         plan,
         live,
-        meter: Meter::new(&options),
+        meter: Meter::new(&options.root),
         share: Arc::clone(&options.share),
     };
     let before = since.elapsed();

@@ -6,7 +6,8 @@ use metamorph_console::shutdown::Urgency;
 use metamorph_module_agent::clock::source::ClockSource;
 use metamorph_module_agent::run_dir::counter_file::AgentCounters;
 use metamorph_module_agent::transport::{AgentKey, Transport};
-use metamorph_protocol::ids::HostId;
+use metamorph_protocol::ids::{HostId, ModuleId};
+use metamorph_protocol::link::HostChange;
 use metamorph_sim_bridge::kernel::sim::Crossings;
 use rustix::process::Signal;
 use std::collections::{BTreeMap, BTreeSet};
@@ -40,7 +41,11 @@ pub enum Event {
         why: String,
         /// Its agents.
         agents: Vec<AgentKey>,
+        /// Those of their modules that are to be started again.
+        restarts: Vec<ModuleId>,
     },
+    /// A host that was lost takes modules again, and these, which had none, are to be started.
+    HostBack(HostId, Vec<ModuleId>),
     /// An agent was stopped by a signal that this controller did not send.
     Stopped(AgentKey, i32),
     /// An agent was continued after such a stop by a signal that this controller did not send.
@@ -76,6 +81,9 @@ pub trait Launcher {
     /// # Errors
     /// If the launcher itself has failed.
     fn event(&mut self) -> Result<Option<Event>, SwarmError>;
+
+    /// Takes note of what the scenario lets happen to a host. Without several hosts nothing follows.
+    fn change_host(&mut self, _host: HostId, _change: HostChange) {}
 
     /// Returns the longest delay after which a host hears of a new slice of time (ns of real time).
     fn longest_delay(&self) -> u64 {

@@ -5,10 +5,11 @@
 //! Not here: links from agents to the controller, which stay open. Swarms small enough to keep all links open
 //! have no limit. Daemons close none, and take no more agents than that permits.
 
-use crate::swarm::outcome::SwarmError;
 use metamorph_module_agent::transport::{Address, AgentKey, ConnectError, Transport};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use std::io;
 use std::rc::Rc;
+use thiserror::Error;
 
 /// Number of descriptors that the controller holds for each live agent: its process, and the two files of its
 /// reports.
@@ -93,6 +94,20 @@ impl Links {
     }
 }
 
+/// Too few file descriptors are allowed.
+#[derive(Debug, Error)]
+#[error(
+    "this swarm needs {needed} open files, but only {allowed} are allowed, and asking for more was refused ({why}); raise the hard limit (ulimit -Hn, or LimitNOFILE of the service) or use fewer modules"
+)]
+pub struct TooFewDescriptors {
+    /// The number needed.
+    needed: u64,
+    /// The hard limit.
+    allowed: u64,
+    /// Why it could not be raised.
+    why: io::Error,
+}
+
 fn allowed() -> u64 {
     getrlimit(Resource::Nofile).maximum.unwrap_or(u64::MAX)
 }
@@ -112,7 +127,7 @@ pub fn descriptors_needed(agents: u64) -> u64 {
 ///
 /// # Errors
 /// If the limit stays below what it needs.
-pub fn raise_descriptor_limit(agents: u64) -> Result<(), SwarmError> {
+pub fn raise_descriptor_limit(agents: u64) -> Result<(), TooFewDescriptors> {
     raise(descriptors_needed(agents), all_open(agents))
 }
 
@@ -135,7 +150,7 @@ fn room_within(descriptors: u64) -> u64 {
 }
 
 /// Raises the limit to `useful` descriptors, or as far as it goes.
-fn raise(least: u64, useful: u64) -> Result<(), SwarmError> {
+fn raise(least: u64, useful: u64) -> Result<(), TooFewDescriptors> {
     let limit = getrlimit(Resource::Nofile);
     let hard = limit.maximum.unwrap_or(u64::MAX);
     if hard < useful {
@@ -144,7 +159,7 @@ fn raise(least: u64, useful: u64) -> Result<(), SwarmError> {
         match setrlimit(Resource::Nofile, raised) {
             Ok(()) => return Ok(()),
             Err(e) if hard < least => {
-                return Err(SwarmError::Descriptors { needed: least, allowed: hard, why: e.into() });
+                return Err(TooFewDescriptors { needed: least, allowed: hard, why: e.into() });
             }
             Err(e) => tracing::debug!("at most {hard} open files, since raising that was refused: {e}"),
         }

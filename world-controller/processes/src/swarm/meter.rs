@@ -1,7 +1,6 @@
 //! The number of messages that the agents of a run have sent so far, for display: the sum of their counter
 //! files, which each agent writes before the messages become visible to others.
 
-use super::SwarmOptions;
 use metamorph_console::stopwatch::Stopwatch;
 use metamorph_module_agent::run_dir::counter_file;
 use std::path::PathBuf;
@@ -24,9 +23,9 @@ pub struct Meter {
 }
 
 impl Meter {
-    /// Creates the meter of the run with these options.
-    pub fn new(options: &SwarmOptions) -> Meter {
-        Meter { root: Arc::clone(&options.root), read: None, rest: Duration::ZERO, sent: None }
+    /// Creates the meter of a run, whose directory `root` holds once it is there.
+    pub fn new(root: &Arc<OnceLock<PathBuf>>) -> Meter {
+        Meter { root: Arc::clone(root), read: None, rest: Duration::ZERO, sent: None }
     }
 
     /// Returns the number of messages sent, as of the last reading.

@@ -1,5 +1,6 @@
 //! The outcome of a swarm of processes, and the errors that keep one from running.
 
+use super::links::TooFewDescriptors;
 use metamorph_module_agent::run_dir::counter_file::{AgentCounters, CounterFileError};
 use metamorph_module_agent::run_dir::swarm_file::SwarmFileError;
 use metamorph_module_agent::transport::TransportError;
@@ -144,17 +145,8 @@ pub enum SwarmError {
     #[error("a swarm of {0} modules cannot be run; it must have 1 to {limit} modules", limit = super::MODULE_LIMIT)]
     Size(usize),
     /// Too few file descriptors.
-    #[error(
-        "this swarm needs {needed} open files, but only {allowed} are allowed, and asking for more was refused ({why}); raise the hard limit (ulimit -Hn, or LimitNOFILE of the service) or use fewer modules"
-    )]
-    Descriptors {
-        /// The number needed.
-        needed: u64,
-        /// The hard limit.
-        allowed: u64,
-        /// Why it could not be raised.
-        why: io::Error,
-    },
+    #[error(transparent)]
+    Descriptors(#[from] TooFewDescriptors),
     /// Too little shared memory.
     #[error(
         "this swarm needs about {} in {home}, but only {} are free\n  fix: give it more (of a container: --shm-size, else mount -o remount,size=...), or use fewer modules; `metamorph doctor --modules N` says how much",

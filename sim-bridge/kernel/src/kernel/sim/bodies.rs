@@ -73,7 +73,7 @@ pub type Crossings = BTreeMap<(HostId, HostId), Crossed>;
 
 /// The streams between the controller and the other hosts, and the counts of what crosses.
 pub(super) struct HostStreams {
-    hosts: Arc<Hosts>,
+    pub hosts: Arc<Hosts>,
     /// For each host the streams to the controller and from it.
     streams: Vec<[Stream; 2]>,
     crossings: Crossings,
@@ -152,7 +152,9 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             *count += 1;
             self.control.bytes += bytes;
         }
-        if self.hosts.is_none() && self.controller.is_none() {
+        // Scenario time begins on a host when its agents have their contacts, since these and the clock are on one stream.
+        let is_before = self.is_beginning && matches!(message, BodyMessage::Sensed(_));
+        if is_before || (self.hosts.is_none() && self.controller.is_none()) {
             return self.hand_over(id, message);
         }
         // A message for a dead process is dropped.

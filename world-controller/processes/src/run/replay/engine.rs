@@ -13,6 +13,7 @@ use metamorph_protocol::counters::Class;
 use metamorph_protocol::counters::{Counts, Tally};
 use metamorph_protocol::host::AgentHost;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::link::LinkModel;
 use metamorph_protocol::record::{self, Blob};
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::runtime::Sensed;
@@ -81,6 +82,8 @@ pub struct Done {
 pub struct Engine<'a, R: Runnable> {
     swarm: &'a R,
     plan: &'a Plan,
+    /// The links of the plan, with the homes that modules have at present.
+    link: LinkModel,
     world: R::World,
     director: R::Director,
     incarnations: BTreeMap<(ModuleId, Incarnation), Replayed<AgentOf<R>>>,
@@ -99,6 +102,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
         Engine {
             swarm,
             plan,
+            link: plan.link.clone(),
             world: swarm.world(plan),
             director: swarm.director(plan),
             incarnations: BTreeMap::new(),
@@ -178,7 +182,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
             Event::Born { place } => {
                 let (place, seed, born) = (read(place)?, self.plan.seed, record.at);
                 let birth = Birth { id, incarnation, place, seed, born };
-                let now = self.plan.link.clock(id).local(born);
+                let now = self.link.clock(id).local(born);
                 let replayed = self.incarnations.entry(key).or_default();
                 replayed.agent = Some(AgentHost::hashed(self.swarm.setup(), birth, now));
                 self.done.incarnations += 1;
@@ -315,8 +319,10 @@ impl<'a, R: Runnable> Engine<'a, R> {
                 if got.as_ref() != Some(wanted) {
                     return Err(format!("the next command of the director is {got:?}, not {wanted:?}"));
                 }
-                if let Command::Order(id, order) = wanted {
-                    self.tell(*id, Consumed::Order(order.clone()));
+                match wanted {
+                    Command::Order(id, order) => self.tell(*id, Consumed::Order(order.clone())),
+                    Command::Host(host, change) => self.link.change_host(*host, *change),
+                    _ => {}
                 }
             }
             Event::Injected { .. } => {

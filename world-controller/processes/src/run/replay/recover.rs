@@ -177,6 +177,8 @@ impl<A: Agent> Notes<A> {
                 self.counted.control_messages += u64::from(self.tell(*id, letter));
             }
             Command::Finish => self.finishing = true,
+            // The hosts of a run note it in their own files.
+            Command::Host(..) => {}
             Command::Links(changes) => {
                 self.links = *changes;
                 let all: Vec<ModuleId> = self.agents.keys().copied().collect();

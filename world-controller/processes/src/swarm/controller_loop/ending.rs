@@ -134,7 +134,7 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
                 }
                 return;
             }
-            Event::Stopped(..) | Event::Continued(_) => return,
+            Event::Stopped(..) | Event::Continued(_) | Event::HostBack(..) => return,
         };
         let at = self.outcome.end;
         let Some(process) = self.processes.get_mut(id.index()) else { return };

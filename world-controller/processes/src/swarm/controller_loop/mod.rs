@@ -61,6 +61,9 @@ pub struct Services<'a, B: Backend> {
 
 type ProcessOf<W, B> = Process<<W as World>::Agent, <<B as Backend>::Transport as Transport>::Link>;
 
+/// A host that was lost before the run began, and why, its agents, and the modules to be started elsewhere.
+type LostEarly = ((HostId, String), Vec<AgentKey>, Vec<ModuleId>);
+
 /// The controller of one run.
 pub struct ControllerLoop<'a, W: World, D, B: Backend> {
     options: &'a SwarmOptions,
@@ -93,8 +96,10 @@ pub struct ControllerLoop<'a, W: World, D, B: Backend> {
     retry_at: Option<u64>,
     /// Agents that were killed from outside before the run began, the signals, and how they ended in words.
     killed_early: Vec<(AgentKey, i32, String)>,
-    /// Hosts that were lost before the run began, why, and their agents.
-    lost_early: Vec<(HostId, String, Vec<AgentKey>)>,
+    /// Hosts that were lost before the run began.
+    lost_early: Vec<LostEarly>,
+    /// Hosts that came back before the run began, and the modules that had none.
+    back_early: Vec<(HostId, Vec<ModuleId>)>,
 }
 
 impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
@@ -131,6 +136,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
             retry_at: None,
             killed_early: Vec::new(),
             lost_early: Vec::new(),
+            back_early: Vec::new(),
         }
     }
 
@@ -224,10 +230,11 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
                     self.external(agent, &Outside::Stopped { signal: signals::name(signal) });
                 }
                 Event::Continued(agent) => self.external(agent, &Outside::Continued),
-                Event::HostLost { host, why, agents } => {
+                Event::HostLost { host, why, agents, restarts } => {
                     self.drain_all()?;
-                    self.host_lost(host, why, &agents);
+                    self.host_lost((host, why), &agents, restarts);
                 }
+                Event::HostBack(host, restarts) => self.host_back(host, restarts),
                 Event::Exited { agent, how, signal, of_machine, stderr_tail } => {
                     // Frames that it sent before its end are taken before its end is handled.
                     self.drain_all()?;
@@ -259,7 +266,7 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
     }
 
     /// Takes note that a host is lost, and its agents with it.
-    fn host_lost(&mut self, host: HostId, why: String, agents: &[AgentKey]) {
+    fn host_lost(&mut self, (host, why): (HostId, String), agents: &[AgentKey], restarts: Vec<ModuleId>) {
         let (how, modules) = (format!("was lost with {host}: {why}"), agents.len() as u32);
         let mut first = None;
         for (id, incarnation) in agents {
@@ -274,9 +281,20 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
             }
         }
         if let Some(first) = first {
-            self.external(first, &Outside::HostLost { host, modules, why });
+            self.external(first, &Outside::HostLost { host, modules, restarts, why });
         }
         agents.iter().for_each(|agent| self.ended(*agent, how.clone(), String::new(), false));
+    }
+
+    /// Takes note that a host takes modules again.
+    fn host_back(&mut self, host: HostId, restarts: Vec<ModuleId>) {
+        let (now, first) = (self.now(), restarts.first().copied());
+        let what = Outside::HostBack { host, restarts };
+        tracing::warn!("a host is back: {what}");
+        self.outcome.external += 1;
+        self.world.advance(now);
+        self.director.external(now, first.unwrap_or(ModuleId(0)), &what, self.world);
+        self.execute(now);
     }
 
     /// Reports an intervention in a process from outside this run.
@@ -585,6 +603,10 @@ impl<'a, W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'a, W, D, B> {
                 }
                 Command::Links(changes) => {
                     self.change_links(*changes);
+                    continue;
+                }
+                Command::Host(host, change) => {
+                    self.launcher.change_host(*host, *change);
                     continue;
                 }
                 Command::Kill(id) | Command::Pause(id) | Command::Resume(id) => *id,

@@ -40,9 +40,10 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
                     Event::SpawnFailed(agent, e) => return Err(self.spawn_error(agent, e.to_string())),
                     // Its agent has not begun, so the director does not know of it yet.
                     Event::Stopped(..) | Event::Continued(_) => {}
-                    Event::HostLost { host, why, agents } => {
+                    Event::HostBack(host, restarts) => self.back_early.push((host, restarts)),
+                    Event::HostLost { host, why, agents, restarts } => {
                         agents.iter().for_each(|agent| self.processes[agent.0.index()].end());
-                        self.lost_early.push((host, why, agents));
+                        self.lost_early.push(((host, why), agents, restarts));
                     }
                     Event::Exited { agent, how, stderr_tail, of_machine: true, .. } => {
                         self.processes[agent.0.index()].end();
@@ -125,12 +126,15 @@ impl<W: World, D: DirectorPort<W>, B: Backend> ControllerLoop<'_, W, D, B> {
             self.processes[agent.0.index()].stage = Stage::Running;
             self.killed(agent, signal, how);
         }
-        for (host, why, agents) in std::mem::take(&mut self.lost_early) {
+        for (host, agents, restarts) in std::mem::take(&mut self.lost_early) {
             for agent in &agents {
                 self.begin_part(*agent);
                 self.processes[agent.0.index()].stage = Stage::Running;
             }
-            self.host_lost(host, why, &agents);
+            self.host_lost(host, &agents, restarts);
+        }
+        for (host, restarts) in std::mem::take(&mut self.back_early) {
+            self.host_back(host, restarts);
         }
         self.flush();
         Ok(())

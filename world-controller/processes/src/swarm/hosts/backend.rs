@@ -1,45 +1,39 @@
 //! The backend of a swarm on several hosts, as the controller loop sees it: agents of this host are reached as on one
-//! host, and those of others over the links to their hosts. A host that is lost ends all its agents in one instant.
+//! host, and those of others over the links to their hosts.
 
-use super::daemon::OWN_COUNTERS;
-use super::fleet::{Fleet, FleetError, Inherited};
-use super::messages::{Sent, ToController, ToDaemon};
+use super::fleet::{FleetError, Inherited};
+use super::loss::counts_are_lost;
+use super::messages::{Sent, ToDaemon};
 use super::node::Node;
-use super::parts::{Collected, Stretch};
-use super::remains::mark_collected;
+use super::parts::Collected;
+use super::returning::Returning;
+use super::shared::Shared;
 use crate::swarm::launcher::{Backend, Event, Found, HostsAccount, Launcher, Takeover};
 use crate::swarm::outcome::SwarmError;
-use crate::swarm::run_dir::{RunDir, kill_agents};
 use crate::swarm::supervisor::Supervisor;
 use metamorph_console::stopwatch::Stopwatch;
-use metamorph_module_agent::clock::page::Page;
-use metamorph_module_agent::clock::source::{ClockSource, FileClock};
+use metamorph_module_agent::clock::source::FileClock;
 use metamorph_module_agent::journal_file::Parts;
-use metamorph_module_agent::run_dir::counter_file::{AgentCounters, CounterFile, CounterStore};
-use metamorph_module_agent::run_dir::run_name::RunName;
+use metamorph_module_agent::run_dir::counter_file::{AgentCounters, CounterFile};
 use metamorph_module_agent::transport::iceoryx::{IceoryxLink, IceoryxTransport};
 use metamorph_module_agent::transport::shared_frame::SharedFrame;
 use metamorph_module_agent::transport::{
     Address, AgentKey, ConnectError, Link, SendStatus, Transport, TransportError,
 };
-use metamorph_protocol::counters::Tally;
-use metamorph_protocol::host_link::State;
 use metamorph_protocol::ids::{HostId, Incarnation};
+use metamorph_protocol::link::HostChange;
 use metamorph_protocol::time::Span;
 use metamorph_protocol::wire::CONTROLLER;
-use metamorph_sim_bridge::kernel::sim::Crossings;
 use rustix::process::Signal;
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::rc::Rc;
 use std::time::Duration;
 
 /// Number of frames to one agent elsewhere that its host has not put into its inbox yet.
 const UNTAKEN: u32 = 64;
-/// Number of frames from agents elsewhere that may wait here.
-const HEARD: usize = 4_096;
 /// Longest time to wait for the accounts of the other hosts at the end.
 const ACCOUNTS_WAIT_MAX: Duration = Duration::from_secs(10);
 /// Longest time to wait, before the run begins, until the clocks of all hosts are known well enough.
@@ -54,265 +48,6 @@ impl Backend for Hosts {
     type Transport = HostsTransport;
     type Launcher = HostsLauncher;
     type Clock = FileClock;
-}
-
-/// State that transport, links and launcher share.
-#[derive(Debug)]
-struct Shared {
-    node: Node<IceoryxLink>,
-    fleet: Fleet,
-    frames: VecDeque<SharedFrame>,
-    events: VecDeque<Event>,
-    /// The agents of other hosts that run, with the number of frames that they have not taken.
-    away: BTreeMap<AgentKey, u32>,
-    counters: BTreeMap<AgentKey, Result<Option<AgentCounters>, String>>,
-    drained: BTreeSet<HostId>,
-    accounts: BTreeMap<HostId, (AgentCounters, BTreeMap<HostId, Tally>)>,
-    /// The hosts that are lost, and why.
-    lost: BTreeMap<HostId, String>,
-    /// Hosts on other machines that this controller has called, and that have not been heard since.
-    called: BTreeSet<HostId>,
-    /// When they had been called, and how long they may act without hearing a controller.
-    call: (Stopwatch, Duration),
-    /// True if the controller before was on another machine, which is lost with the counts made there.
-    has_moved: bool,
-    /// The run directories of killed daemons, removed with the run.
-    inherited: BTreeMap<HostId, RunDir>,
-    /// Messages with agents of each other host: from it, and to it.
-    bodies: BTreeMap<HostId, (u64, u64)>,
-    clock: FileClock,
-    /// The directory of this host, and the counts that it has made itself.
-    root: PathBuf,
-    own: CounterFile,
-    /// The number of controllers before this one.
-    generation: u32,
-    /// Parts of the journal from other machines, if one is kept.
-    collected: Option<Collected>,
-    /// The clock page that was sent last.
-    told: Option<Page>,
-}
-
-impl Shared {
-    fn home(&self, agent: AgentKey) -> HostId {
-        self.node.home(agent.0)
-    }
-
-    fn turn(&mut self, transport: &mut IceoryxTransport) {
-        if self.frames.len() >= HEARD {
-            return;
-        }
-        self.tell_time();
-        // Before packets are sent: what others receive has been counted.
-        let account = AgentCounters { closed: false, ..self.node.account() };
-        if let Err(e) = self.own.write(&account) {
-            tracing::warn!("{e}");
-        }
-        self.node.turn(transport);
-        self.node.residents.flush();
-        while let Some((host, state)) = self.node.next_change() {
-            match state {
-                State::Silent => {
-                    tracing::warn!("{host} is silent");
-                    // A daemon of this machine that has died need not be waited for.
-                    if self.inherit(host) {
-                        self.lose(host, "its daemon has died");
-                    }
-                }
-                State::Fenced => self.lose(host, "the host was silent for too long"),
-                State::Closed => self.lose(host, "its daemon was asked to end"),
-                state => {
-                    tracing::info!("the link to {host} is {state:?}");
-                    if state == State::Up {
-                        self.called.remove(&host);
-                    }
-                }
-            }
-        }
-        if self.call.0.elapsed() > self.call.1 {
-            let unheard = std::mem::take(&mut self.called);
-            unheard
-                .into_iter()
-                .for_each(|host| self.lose(host, "it did not answer the controller that took over"));
-        }
-        for host in self.fleet.roots.keys().copied().collect::<Vec<_>>() {
-            loop {
-                match self.node.hear(host) {
-                    Ok(Some(message)) => self.take(host, message),
-                    Ok(None) => break,
-                    Err(e) => {
-                        self.lose(host, &format!("what it says cannot be read: {e}"));
-                        break;
-                    }
-                }
-            }
-            self.collect(host);
-        }
-    }
-
-    /// Takes parts of the journal from a host.
-    fn collect(&mut self, host: HostId) {
-        while let Ok(Some(stretch)) = self.node.hear_in_bulk::<Stretch>(host) {
-            self.put(host, &stretch);
-        }
-    }
-
-    fn put(&mut self, host: HostId, stretch: &Stretch) {
-        let id = stretch.agent.0;
-        if self.node.home(id) != host {
-            tracing::warn!("{host} sends the journal of module {id}, which is not its own");
-        } else if let Some(Err(e)) = self.collected.as_mut().map(|collected| collected.put(stretch)) {
-            tracing::warn!("the journal of module {id} ends early: {e}");
-        }
-    }
-
-    /// Sends the clock page to hosts with a clock of their own, once it has changed.
-    fn tell_time(&mut self) {
-        let away: Vec<HostId> = self.fleet.away().filter(|host| !self.lost.contains_key(host)).collect();
-        if away.is_empty() {
-            return;
-        }
-        let Ok(page) = self.clock.read_page() else { return };
-        if self.told.replace(page) != Some(page) {
-            let message = ToDaemon::Clock(page.encode().to_vec());
-            away.into_iter().for_each(|host| self.node.tell(host, &message));
-        }
-    }
-
-    fn take(&mut self, host: HostId, message: ToController) {
-        let is_theirs = |agent: &AgentKey| self.node.home(agent.0) == host;
-        match message {
-            ToController::Frame(sent) => {
-                if let Some(shared) = sent.shared(self.node.healed(host)) {
-                    self.bodies.entry(host).or_default().0 += 1;
-                    self.frames.push_back(shared);
-                }
-            }
-            ToController::Taken(agent, count) => {
-                if let Some(untaken) = self.away.get_mut(&agent) {
-                    *untaken = untaken.saturating_sub(count);
-                }
-            }
-            ToController::SpawnFailed(agent, why) if is_theirs(&agent) => {
-                self.away.remove(&agent);
-                self.events.push_back(Event::SpawnFailed(agent, io::Error::other(why)));
-            }
-            ToController::Exited { agent, how, signal, of_machine, stderr_tail, counters }
-                if is_theirs(&agent) =>
-            {
-                self.away.remove(&agent);
-                self.counters.insert(agent, counters.map(|c| c.map(|c| AgentCounters::from(*c))));
-                self.events.push_back(Event::Exited { agent, how, signal, of_machine, stderr_tail });
-            }
-            ToController::Stopped(agent, signal) if is_theirs(&agent) => {
-                self.events.push_back(Event::Stopped(agent, signal));
-            }
-            ToController::Continued(agent) if is_theirs(&agent) => {
-                self.events.push_back(Event::Continued(agent));
-            }
-            ToController::Journal(stretch) => self.put(host, &stretch),
-            ToController::Still(Some(error)) => tracing::warn!(
-                "scenario time stands still on {host}: its clock is known to {error} only, and `clock_error` is {}",
-                self.fleet.own.clock_error
-            ),
-            ToController::Still(None) => tracing::info!("scenario time goes on again on {host}"),
-            ToController::Drained => {
-                self.drained.insert(host);
-            }
-            ToController::Account(account, crossed) => {
-                self.accounts.insert(host, ((*account).into(), crossed));
-            }
-            _ => tracing::warn!("{host} speaks of modules of another host"),
-        }
-    }
-
-    /// Takes over the run directory of a host whose daemon is dead, so that its counters can be read and are removed in
-    /// the end. A daemon that lives removes it itself, after they have been read. Returns true if the daemon is dead, and its
-    /// agents with it.
-    fn inherit(&mut self, host: HostId) -> bool {
-        let root = self.fleet.roots.get(&host).and_then(Option::as_ref);
-        let Some(name) = root.and_then(|root| RunName::of_root(root).ok()) else { return false };
-        match RunDir::adopt(name) {
-            Ok(dir) => {
-                // They die with their daemon; this waits for the last of them.
-                kill_agents(dir.root());
-                self.inherited.insert(host, dir);
-                true
-            }
-            Err(e) => {
-                tracing::debug!("the directory of {host} is not taken over: {e}");
-                false
-            }
-        }
-    }
-
-    /// Returns the run directory of a host of this machine that is still there.
-    fn root_of(&self, host: HostId) -> Option<&Path> {
-        self.fleet.roots.get(&host)?.as_deref().filter(|root| root.is_dir())
-    }
-
-    /// Reads counters of a host that is lost.
-    fn left_counters(
-        &self,
-        host: HostId,
-        (id, incarnation): AgentKey,
-    ) -> Result<Option<AgentCounters>, String> {
-        let root = self.root_of(host).ok_or_else(|| counts_are_lost(host))?;
-        CounterFile::read(root, id, incarnation).map_err(|e| e.to_string())
-    }
-
-    /// Ends all agents of a host that is lost permanently. Their counters outlive them on this machine.
-    fn lose(&mut self, host: HostId, why: &str) {
-        if self.lost.contains_key(&host) {
-            return;
-        }
-        self.lost.insert(host, why.to_owned());
-        tracing::error!("{host} is lost: {why}");
-        if !self.inherited.contains_key(&host) && !self.inherit(host) {
-            // Its daemon lives, and may be stopped: its agents must have ended before they are counted.
-            self.root_of(host).map(kill_agents);
-        }
-        if let Ok(Some(counters)) = self.left_counters(host, OWN_COUNTERS) {
-            self.accounts.insert(host, (counters, BTreeMap::new()));
-        }
-        let gone: Vec<AgentKey> = self.away.keys().copied().filter(|a| self.home(*a) == host).collect();
-        for agent in &gone {
-            self.away.remove(agent);
-            self.counters.insert(*agent, self.left_counters(host, *agent));
-        }
-        // Without agents it was lost before this controller took over, which asks for them then.
-        if !gone.is_empty() {
-            self.events.push_back(Event::HostLost { host, why: why.to_owned(), agents: gone });
-        }
-        // Hosts that do not watch each other learn that messages to it have nowhere to go.
-        self.node.give_up(host);
-        let others: Vec<HostId> = self.present();
-        others.into_iter().for_each(|other| self.node.tell(other, &ToDaemon::Lost(host)));
-        if let Some(Err(e)) = self.root_of(host).map(mark_collected) {
-            tracing::debug!("{host} is not told that its counts are taken: {e}");
-        }
-    }
-
-    /// Returns what has crossed between hosts, as far as they have reported it.
-    fn crossings(&self) -> Crossings {
-        let mut crossings = Crossings::new();
-        let own = (&HostId::CONTROLLER, self.node.crossed());
-        let others = self.accounts.iter().map(|(host, (_, crossed))| (host, crossed.clone()));
-        for (from, crossed) in others.chain([own]) {
-            for (to, messages) in crossed {
-                crossings.entry((*from, to)).or_default().messages = messages;
-            }
-        }
-        for (host, (from, to)) in &self.bodies {
-            crossings.entry((*host, HostId::CONTROLLER)).or_default().body_messages = *from;
-            crossings.entry((HostId::CONTROLLER, *host)).or_default().body_messages = *to;
-        }
-        crossings
-    }
-
-    /// The other hosts that are not lost.
-    fn present(&self) -> Vec<HostId> {
-        self.fleet.roots.keys().copied().filter(|host| !self.lost.contains_key(host)).collect()
-    }
 }
 
 type SharedRef = Rc<RefCell<Shared>>;
@@ -347,6 +82,11 @@ pub fn backend(
         drained: BTreeSet::new(),
         accounts: BTreeMap::new(),
         lost: BTreeMap::new(),
+        former: BTreeSet::new(),
+        stranded: BTreeSet::new(),
+        returning: Returning::new(),
+        ended_shares: Vec::new(),
+        uncounted: BTreeSet::new(),
         called,
         call: (since, fence),
         has_moved,
@@ -431,7 +171,7 @@ impl Transport for HostsTransport {
             return Ok(Some(frame));
         }
         while let Some(frame) = local.receive()? {
-            if !shared.node.forward(&frame) {
+            if !shared.node.forward(&mut *local, &frame) {
                 return Ok(Some(frame));
             }
         }
@@ -460,10 +200,6 @@ pub struct HostsLauncher {
     found: Found,
 }
 
-fn counts_are_lost(host: HostId) -> String {
-    format!("{host} was lost, and the counts of its agents with it")
-}
-
 /// Returns the incarnation under which the controller of this generation keeps its own counts.
 fn own_incarnation(generation: u32) -> Incarnation {
     Incarnation(u16::try_from(generation).unwrap_or(u16::MAX))
@@ -490,7 +226,8 @@ impl Takeover for HostsLauncher {
             let agents: Vec<AgentKey> = wanted.iter().filter(is_gone).copied().collect();
             if !agents.is_empty() {
                 found.present.extend(agents.iter().map(|agent| (*agent, false)));
-                shared.events.push_back(Event::HostLost { host, why, agents });
+                let restarts = shared.restarts(host, &agents, false);
+                shared.events.push_back(Event::HostLost { host, why, agents, restarts });
             }
         }
         found
@@ -505,7 +242,7 @@ impl Launcher for HostsLauncher {
             shared.node.residents.arrive(agent);
             return self.local.start(agent);
         }
-        if shared.lost.contains_key(&home) {
+        if shared.lost.contains_key(&home) || shared.node.hosts().is_down(home) {
             let why = io::Error::other(format!("its host {home} is lost"));
             return shared.events.push_back(Event::SpawnFailed(agent, why));
         }
@@ -540,20 +277,29 @@ impl Launcher for HostsLauncher {
 
     fn counters(&self, agent: AgentKey) -> Result<Option<AgentCounters>, String> {
         let shared = self.shared.borrow();
+        // Also of an agent whose module has moved here since.
+        if let Some(counters) = shared.counters.get(&agent) {
+            return counters.clone();
+        }
         match shared.home(agent) {
             HostId::CONTROLLER => match self.local.counters(agent) {
                 Ok(None) if shared.has_moved => Err(counts_are_lost(HostId::CONTROLLER)),
                 counters => counters,
             },
-            home => {
-                shared.counters.get(&agent).cloned().unwrap_or_else(|| {
-                    match shared.lost.contains_key(&home) {
-                        // Its end may have been reported to an earlier controller.
-                        true if shared.generation > 0 => shared.left_counters(home, agent),
-                        _ => Ok(None),
-                    }
-                })
-            }
+            home => match shared.lost.contains_key(&home) {
+                // Its end may have been reported to an earlier controller.
+                true if shared.generation > 0 => shared.left_counters(home, agent),
+                _ => Ok(None),
+            },
+        }
+    }
+
+    fn change_host(&mut self, host: HostId, change: HostChange) {
+        let mut shared = self.shared.borrow_mut();
+        match change {
+            HostChange::Down => shared.node.change_homes(|hosts| hosts.go_down(host)),
+            HostChange::Lost => drop(shared.move_homes(host)),
+            HostChange::Back => shared.node.change_homes(|hosts| hosts.come_back(host)),
         }
     }
 
@@ -588,11 +334,14 @@ impl Launcher for HostsLauncher {
         let mut counters: Vec<AgentCounters> =
             shared.accounts.values().map(|(counters, _)| counters.clone()).collect();
         counters.push(shared.node.account());
+        counters.extend(shared.ended_shares.iter().cloned());
         for generation in 0..shared.generation {
             let read = CounterFile::read(&shared.root, CONTROLLER, own_incarnation(generation));
             counters.extend(read?);
         }
-        let missing = shared.fleet.roots.keys().filter(|host| !shared.accounts.contains_key(host));
+        let has_none =
+            |host: &&HostId| !shared.accounts.contains_key(host) || shared.uncounted.contains(host);
+        let missing = shared.fleet.roots.keys().filter(has_none);
         let missing = shared.has_moved.then_some(&HostId::CONTROLLER).into_iter().chain(missing);
         Ok(Some(HostsAccount {
             counters,
@@ -617,7 +366,7 @@ impl HostsLauncher {
         loop {
             let (mut shared, mut local) = (self.shared.borrow_mut(), self.transport.borrow_mut());
             while let Some(frame) = local.receive()? {
-                shared.node.forward(&frame);
+                shared.node.forward(&mut *local, &frame);
             }
             shared.turn(&mut local);
             shared.frames.clear();

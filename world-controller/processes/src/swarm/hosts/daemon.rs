@@ -202,7 +202,7 @@ fn serve(
     let _entered = span.enter();
     let mut prepared = prepare(options, assignment, gate);
     let said = match &prepared {
-        Ok(share) => Answer::Ready(share.dir.root().to_owned()),
+        Ok(share) => Answer::Ready(share.dir.root().to_owned(), options.most),
         Err(why) => Answer::Refused(why.clone()),
     };
     if let Ok(share) = &mut prepared {
@@ -250,7 +250,8 @@ fn prepare<'a>(
     };
     let modules = hosts.modules(*host).count();
     let has_addresses = assignment.addresses.len() + 1 == hosts.len();
-    if modules == 0 || *host == HostId::CONTROLLER || !has_addresses {
+    // One that has come back may have no module yet.
+    if *host == HostId::CONTROLLER || !has_addresses {
         return Err("the assignment contradicts itself".to_owned());
     }
     if options.identity.as_ref().is_some_and(|(own, _)| own != host) {
@@ -276,6 +277,7 @@ fn prepare<'a>(
             false => None,
         };
         let swarm = swarm_file::for_daemon(swarm, written.as_ref().map(Written::directory));
+        let swarm = swarm_file::with_homes(&swarm, hosts);
         std::fs::write(swarm_file::path(dir.root()), swarm).map_err(SwarmError::Clock)?;
         let follower = if is_away {
             Some(Follower::create(dir.root(), assignment.clock_error).map_err(SwarmError::Clock)?)
@@ -430,7 +432,7 @@ impl Share<'_> {
                 }
             }
             (opening, visitor) => {
-                let modules = self.assignment.hosts.modules(self.assignment.host).count();
+                let modules = self.node.hosts().modules(self.assignment.host).count();
                 answer(self.options, &opening, visitor, Some((self.assignment.run, modules as u32)));
             }
         }
@@ -528,7 +530,7 @@ impl Share<'_> {
             count += 1;
             let message = match event {
                 // A daemon has agents of its own host only.
-                Event::Shutdown(_) | Event::HostLost { .. } => continue,
+                Event::Shutdown(_) | Event::HostLost { .. } | Event::HostBack(..) => continue,
                 Event::SpawnFailed(agent, e) => {
                     self.node.residents.leave(agent);
                     if !self.conversations.end(agent) {
@@ -572,7 +574,7 @@ impl Share<'_> {
 
     fn drain_once(&mut self) -> Result<bool, SwarmError> {
         let Some(shared) = self.transport.receive()? else { return Ok(false) };
-        if !self.node.forward(&shared) && self.conversations.hear(&shared.frame()) {
+        if !self.node.forward(&mut self.transport, &shared) && self.conversations.hear(&shared.frame()) {
             self.node.tell(HostId::CONTROLLER, &ToController::Frame(Sent::new(&shared)));
         }
         Ok(true)
@@ -631,6 +633,8 @@ impl Share<'_> {
                     }
                 }
                 ToDaemon::Lost(host) => self.node.give_up(host),
+                ToDaemon::Homes(homes) => self.move_homes(homes)?,
+                ToDaemon::Back(host) => self.node.renew(self.assignment, host),
                 ToDaemon::Drain => self.draining = true,
                 ToDaemon::Account => {
                     let account = Box::new(self.node.account().into());
@@ -642,12 +646,21 @@ impl Share<'_> {
         Ok(())
     }
 
+    /// Lets agents that start from now on find other homes of modules.
+    fn move_homes(&mut self, homes: Vec<HostId>) -> Result<(), SwarmError> {
+        if let Err(e) = self.node.change_homes(|hosts| hosts.set_homes(homes)) {
+            tracing::warn!("the controller says where modules are, and {e}");
+            return Ok(());
+        }
+        swarm_file::move_homes(self.dir.root(), self.node.hosts()).map_err(SwarmError::Supervisor)
+    }
+
     /// True if hosts of the run are on other machines.
     fn is_away(&self) -> bool {
         self.follower.is_some()
     }
 
     fn is_ours(&self, agent: AgentKey) -> bool {
-        self.assignment.hosts.is_home(agent.0, self.assignment.host)
+        self.node.hosts().is_home(agent.0, self.assignment.host)
     }
 }

@@ -85,11 +85,13 @@ pub struct Fleet {
     /// Assignment of the controller's own host.
     pub own: Assignment,
     /// The way to the daemons.
-    pub reach: Reach,
+    pub reach: Arc<Reach>,
     /// The connections to daemons on this machine.
     streams: BTreeMap<HostId, UnixStream>,
     /// The run directories of the daemons; `None` on other machines.
     pub roots: BTreeMap<HostId, Option<PathBuf>>,
+    /// The most modules that each daemon takes.
+    pub rooms: BTreeMap<HostId, usize>,
     started: Vec<Child>,
     /// True if the daemons were started for this run by an earlier controller.
     are_inherited: bool,
@@ -130,11 +132,11 @@ impl Fleet {
     ) -> Result<Inherited, FleetError> {
         let missing = || io::Error::other("its hosts are not known");
         let succession = Succession::read(root).and_then(|read| read.ok_or_else(missing));
-        let Succession { own, roots, are_ours, keys } = succession.map_err(FleetError::Prepare)?;
-        let reach = Reach::new(&own.addresses, keys.as_deref(), own.build)?;
+        let Succession { own, roots, rooms, are_ours, keys } = succession.map_err(FleetError::Prepare)?;
+        let reach = Arc::new(Reach::new(&own.addresses, keys.as_deref(), own.build)?);
         let (streams, started) = (BTreeMap::new(), Vec::new());
         let unanswered = BTreeSet::new();
-        let fleet = Fleet { own, reach, streams, roots, started, are_inherited: are_ours, unanswered };
+        let fleet = Fleet { own, reach, streams, roots, rooms, started, are_inherited: are_ours, unanswered };
         let collected = match fleet.away().next().and(parts) {
             Some(parts) => Collected::lengths(parts).map_err(FleetError::Prepare)?,
             None => BTreeMap::new(),
@@ -169,7 +171,7 @@ impl Fleet {
         let HostsOptions { addresses: given, keys, build, timing, family, clock_error } = &options.hosts;
         let addresses =
             if given.is_empty() { others.iter().map(|host| socket(*host)).collect() } else { given.clone() };
-        let reach = Reach::new(&addresses, keys.as_deref(), *build)?;
+        let reach = Arc::new(Reach::new(&addresses, keys.as_deref(), *build)?);
         let own = Assignment {
             run: random().map_err(FleetError::Prepare)?.max(1),
             secret: [random().map_err(FleetError::Prepare)?, random().map_err(FleetError::Prepare)?],
@@ -187,9 +189,11 @@ impl Fleet {
             patience: Span(u64::try_from(options.patience.as_nanos()).unwrap_or(u64::MAX)),
             verbose: options.verbose,
         };
-        let (streams, roots, started) = (BTreeMap::new(), BTreeMap::new(), Vec::new());
+        let (streams, roots, rooms, started) =
+            (BTreeMap::new(), BTreeMap::new(), BTreeMap::new(), Vec::new());
         let unanswered = BTreeSet::new();
-        let mut fleet = Fleet { own, reach, streams, roots, started, are_inherited: false, unanswered };
+        let mut fleet =
+            Fleet { own, reach, streams, roots, rooms, started, are_inherited: false, unanswered };
         if given.is_empty() {
             for (host, address) in others.iter().zip(fleet.own.addresses.clone()) {
                 let Address::Unix(socket) = address else { continue };
@@ -200,18 +204,19 @@ impl Fleet {
         for (host, address) in others.into_iter().zip(fleet.own.addresses.clone()) {
             fleet.enlist(host, &address)?;
         }
-        let (mut own, roots) = (fleet.own.clone(), fleet.roots.clone());
+        let (mut own, roots, rooms) = (fleet.own.clone(), fleet.roots.clone(), fleet.rooms.clone());
         // Another controller may be started in another directory.
         let keys = keys.as_deref().map(std::path::absolute).transpose().map_err(FleetError::Prepare)?;
         let are_ours = given.is_empty();
         if let Some(parts) = options.journal.as_ref().filter(|_| fleet.away().next().is_some()) {
             // For a controller on another machine, whose directory of keys is another one.
-            let succession = Succession { own: own.clone(), roots: roots.clone(), are_ours, keys: None };
+            let (own, roots, rooms) = (own.clone(), roots.clone(), rooms.clone());
+            let succession = Succession { own, roots, rooms, are_ours, keys: None };
             succession.write(&parts.dir).map_err(FleetError::Prepare)?;
         }
         // The swarm file lies beside it.
         own.swarm.clear();
-        Succession { own, roots, are_ours, keys }.write(dir.root()).map_err(FleetError::Prepare)?;
+        Succession { own, roots, rooms, are_ours, keys }.write(dir.root()).map_err(FleetError::Prepare)?;
         Ok(fleet)
     }
 
@@ -227,7 +232,8 @@ impl Fleet {
             address => self.reach.ask(host, address, &opening, Duration::ZERO, MEETING)?,
         };
         match reached.answer {
-            Answer::Ready(root) => {
+            Answer::Ready(root, most) => {
+                self.rooms.insert(host, most as usize);
                 let is_here = reached.stream.is_some();
                 self.roots.insert(host, is_here.then_some(root));
                 self.streams.extend(reached.stream.map(|stream| (host, stream)));
@@ -259,6 +265,29 @@ impl Fleet {
         // The others act no longer than the fence without a controller, which is not heard before all are called.
         let meeting = MEETING.min(Duration::from_nanos(silent_and_fence.1.0) / 3);
         Ok(self.reach.ask(host, address, &opening, Duration::ZERO, meeting)?)
+    }
+
+    /// Returns the address and the opening by which the daemon of a lost host is asked to serve the run again, in its present
+    /// state; `None` if the daemons end with the run.
+    pub fn calls_back(&self, host: HostId, hosts: &Hosts) -> Option<(&Address, Opening)> {
+        if self.are_inherited || !self.started.is_empty() {
+            return None;
+        }
+        let address = self.own.addresses.get(host.index().checked_sub(1)?)?;
+        let hosts = Arc::new(hosts.clone());
+        Some((address, Opening::Serve(Box::new(Assignment { host, hosts, ..self.own.clone() }))))
+    }
+
+    /// Takes a daemon that serves the run again, with this answer.
+    ///
+    /// # Errors
+    /// If its connection cannot be used.
+    pub fn welcome(&mut self, host: HostId, reached: Reached) -> io::Result<Connection> {
+        if let Answer::Ready(root, most) = reached.answer {
+            self.rooms.insert(host, most as usize);
+            self.roots.insert(host, reached.stream.is_some().then_some(root));
+        }
+        self.reach.connection(self.own.run, host, reached.stream)
     }
 
     /// Returns the connections of the run, each once.

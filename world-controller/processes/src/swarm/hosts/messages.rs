@@ -21,7 +21,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// First bytes of an opening; the last one is the version of these messages.
-const MAGIC: [u8; 8] = *b"MMHOSTS\x05";
+const MAGIC: [u8; 8] = *b"MMHOSTS\x06";
 /// Largest opening in bytes: it holds the swarm file, which has the same limit.
 const OPENING_LIMIT: usize = 257 << 20;
 /// Largest message on the stream in bytes.
@@ -114,8 +114,8 @@ pub struct Resuming {
 /// The answer to an opening.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Answer {
-    /// The daemon serves the run, with this directory.
-    Ready(PathBuf),
+    /// The daemon serves the run, with this directory, and takes so many modules at most.
+    Ready(PathBuf, u32),
     /// The daemon has turned to the controller that took over.
     Resumed {
         /// The agents asked for that live.
@@ -153,6 +153,10 @@ pub enum ToDaemon {
     Clock(Vec<u8>),
     /// Another host is lost: messages to it have expired.
     Lost(HostId),
+    /// From now on each module, by number, is at home there.
+    Homes(Vec<HostId>),
+    /// Another host that was lost has come back.
+    Back(HostId),
     /// Report when no frame to another host is under way.
     Drain,
     /// Report what the host itself has counted.

@@ -17,6 +17,7 @@ mod fleet;
 mod follower;
 mod gate;
 mod hosts_file;
+mod loss;
 mod messages;
 #[cfg(feature = "hosts")]
 mod net;
@@ -26,6 +27,8 @@ mod parts;
 mod reach;
 mod remains;
 mod residents;
+mod returning;
+mod shared;
 mod succession;
 mod survey;
 

@@ -8,6 +8,7 @@ use super::residents::Residents;
 use metamorph_module_agent::clock::monotonic;
 use metamorph_module_agent::clock::source::{ClockSource, FileClock};
 use metamorph_module_agent::run_dir::counter_file::AgentCounters;
+use metamorph_module_agent::run_dir::swarm_file;
 use metamorph_module_agent::transport::shared_frame::SharedFrame;
 use metamorph_module_agent::transport::{Link, SendStatus, Transport};
 use metamorph_protocol::counters::{Class, Tally};
@@ -19,7 +20,7 @@ use metamorph_protocol::host_link::{
 use metamorph_protocol::ids::{HostId, ModuleId};
 use metamorph_protocol::link::Hosts;
 use metamorph_protocol::time::{Span, Time};
-use metamorph_protocol::wire::{Channel, Frame};
+use metamorph_protocol::wire::{Channel, Frame, Header};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use siphasher::sip128::{Hasher128, SipHasher24};
@@ -32,7 +33,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Duration;
 
 /// The version of the conversation between hosts.
-pub const PROGRAM: u32 = 5;
+pub const PROGRAM: u32 = 6;
 /// Shortest time that a controller may take to get all hosts together before it is heard.
 const GRACE_MIN: Span = Span::secs(60);
 /// Bytes of a stream that may wait for its window before the owner should say no more.
@@ -85,6 +86,8 @@ pub struct Node<L> {
     carriers: (SyncSender<CarrierEvent>, Receiver<CarrierEvent>),
     opened: u64,
     life: Life,
+    /// The hash of the swarm file, on which all hosts of a run have to agree.
+    swarm: u64,
     /// The generation of the controller whose inbox this host's is.
     generation: u32,
     /// How long the controller may take to be heard for the first time.
@@ -131,7 +134,8 @@ impl<L: Link> Node<L> {
         let Assignment { host, hosts, .. } = assignment;
         let life = Life(random()?.max(1));
         let others = (0..hosts.len() as u16).map(HostId).filter(|peer| peer != host);
-        let peers = others.map(|peer| (peer, Peer::new(assignment, peer, life))).collect();
+        let swarm = digest(&swarm_file::without_hosts(&assignment.swarm));
+        let peers = others.map(|peer| (peer, Peer::new(assignment, peer, life, swarm))).collect();
         Ok(Node {
             host: *host,
             hosts: Arc::clone(hosts),
@@ -141,6 +145,7 @@ impl<L: Link> Node<L> {
             carriers: sync_channel(INCOMING),
             opened: 0,
             life,
+            swarm,
             generation,
             grace: assignment.silent_and_fence.1.max(GRACE_MIN),
             lease: None,
@@ -163,7 +168,7 @@ impl<L: Link> Node<L> {
     /// Ends the link to a host permanently, and begins one to its successor. Data on its streams is lost.
     pub fn renew(&mut self, assignment: &Assignment, host: HostId) {
         let now = self.clock.read_page().map_or(Time::ZERO, |page| page.at(monotonic()));
-        let successor = Peer { healed: now, ..Peer::new(assignment, host, self.life) };
+        let successor = Peer { healed: now, ..Peer::new(assignment, host, self.life, self.swarm) };
         let Some(before) = self.peers.insert(host, successor) else { return };
         let (counts, crossed) = (before.link.counts(), self.crossed.entry(host).or_default());
         for class in Class::ALL {
@@ -280,9 +285,19 @@ impl<L: Link> Node<L> {
         self.changes.pop_front()
     }
 
-    /// Forwards a frame of an agent of this host to the host of its receiver. Returns false if it is not for another
-    /// host: then it is for the controller of this one.
-    pub fn forward(&mut self, shared: &SharedFrame) -> bool {
+    /// Returns the hosts of the run, with the present homes of modules.
+    pub fn hosts(&self) -> &Hosts {
+        &self.hosts
+    }
+
+    /// Gives modules other homes.
+    pub fn change_homes<T>(&mut self, change: impl FnOnce(&mut Hosts) -> T) -> T {
+        change(Arc::make_mut(&mut self.hosts))
+    }
+
+    /// Forwards a frame of an agent of this host to the receiver or its host. Returns false if it is for no agent: then it is
+    /// for the controller of this host.
+    pub fn forward<T: Transport<Link = L>>(&mut self, transport: &mut T, shared: &SharedFrame) -> bool {
         let frame = shared.frame();
         let Ok(header) = frame.open() else {
             let damaged = shared.damaged_class();
@@ -297,6 +312,11 @@ impl<L: Link> Node<L> {
         }
         let of_ours = |id| self.hosts.is_home(id, self.host);
         let home = self.hosts.home_of(header.destination).filter(|_| of_ours(header.source));
+        if home == Some(self.host) {
+            // The receiver has moved here since its sender was started.
+            self.post(transport, &header, *shared);
+            return true;
+        }
         let Some((home, peer)) = home.and_then(|home| Some((home, self.peers.get_mut(&home)?))) else {
             self.foreign += 1;
             return true;
@@ -382,14 +402,24 @@ impl<L: Link> Node<L> {
         frame: &Frame,
         time: Time,
     ) {
-        let header = frame.open().ok().filter(|header| header.channel == Channel::Peer);
-        let Some(header) = header.filter(|header| self.hosts.is_home(header.source, from)) else {
+        let Some(header) = frame.open().ok().filter(|header| header.channel == Channel::Peer) else {
             self.foreign += 1;
-            tracing::warn!("a message from {from} is refused: its sender is not at home there");
+            tracing::warn!("a message from {from} is refused: it is not between agents");
             return;
         };
+        if !self.hosts.is_home(header.source, from) {
+            // A host forwards frames of its own agents only; one of them may have moved there a moment ago.
+            self.tally[header.class].refused += 1;
+            tracing::warn!("a message from {from} is refused: its sender is not at home there");
+            return;
+        }
+        self.post(transport, &header, SharedFrame::new(frame, time));
+    }
+
+    /// Puts a frame into the inbox of an agent of this host.
+    fn post<T: Transport<Link = L>>(&mut self, transport: &mut T, header: &Header, frame: SharedFrame) {
         let counts = &mut self.tally[header.class];
-        match self.residents.deliver(transport, header.destination, SharedFrame::new(frame, time)) {
+        match self.residents.deliver(transport, header.destination, frame) {
             SendStatus::Sent => {}
             SendStatus::Full => counts.overflowed += 1,
             SendStatus::Gone => counts.expired += 1,
@@ -466,15 +496,14 @@ impl<L: Link> Node<L> {
 }
 
 impl Peer {
-    fn new(assignment: &Assignment, peer: HostId, life: Life) -> Peer {
-        let Assignment { host, run, secret, build, swarm, silent_and_fence: (silent, fence), .. } =
-            assignment;
+    fn new(assignment: &Assignment, peer: HostId, life: Life, swarm: u64) -> Peer {
+        let Assignment { host, run, secret, build, silent_and_fence: (silent, fence), .. } = assignment;
         let role = match (*host, peer) {
             (HostId::CONTROLLER, _) => Role::Guardian,
             (_, HostId::CONTROLLER) => Role::Ward,
             _ => Role::Equal,
         };
-        let terms = Terms { program: PROGRAM, build: *build, swarm: digest(swarm), room: u32::MAX };
+        let terms = Terms { program: PROGRAM, build: *build, swarm, room: u32::MAX };
         let timing = Timing { silent: *silent, fence: *fence, batch: Span(0), ..Timing::default() };
         let config = Config {
             host: *host,

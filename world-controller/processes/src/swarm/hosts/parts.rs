@@ -129,6 +129,11 @@ impl Collected {
         Collected { directory: directory.to_owned(), parts: BTreeMap::new() }
     }
 
+    /// Returns the directory.
+    pub fn directory(&self) -> &Path {
+        &self.directory
+    }
+
     /// Returns how many bytes of each part are in a directory.
     ///
     /// # Errors

@@ -7,12 +7,14 @@ use super::{FleetError, HostsFile};
 use metamorph_module_agent::clock::page;
 use metamorph_module_agent::run_dir::swarm_file;
 use metamorph_protocol::ids::HostId;
+use metamorph_protocol::link::Hosts;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 const NAME: &str = "hosts";
 
@@ -23,6 +25,8 @@ pub struct Succession {
     pub own: Assignment,
     /// The run directories of the daemons; `None` on other machines.
     pub roots: BTreeMap<HostId, Option<PathBuf>>,
+    /// The most modules that each daemon takes.
+    pub rooms: BTreeMap<HostId, usize>,
     /// True if the daemons belong to this run alone.
     pub are_ours: bool,
     /// The directory of this host's keys, if hosts are on other machines.
@@ -35,8 +39,29 @@ impl Succession {
     /// # Errors
     /// If it cannot be written.
     pub fn write(&self, directory: &Path) -> io::Result<()> {
-        let mut file = File::options().write(true).create_new(true).mode(0o600).open(directory.join(NAME))?;
-        write_opening(&mut file, self)
+        let part = directory.join(NAME).with_extension("part");
+        let mut file = File::options().write(true).create(true).truncate(true).mode(0o600).open(&part)?;
+        write_opening(&mut file, self)?;
+        fs::rename(part, directory.join(NAME))
+    }
+
+    /// Writes the file in a directory again with other homes of modules and other directories of daemons. Nothing is done if
+    /// there is none.
+    ///
+    /// # Errors
+    /// If it cannot be read or written.
+    pub fn change(
+        directory: &Path,
+        hosts: &Hosts,
+        roots: &BTreeMap<HostId, Option<PathBuf>>,
+    ) -> io::Result<()> {
+        let Some(mut succession) = Succession::read_as_is(directory)? else { return Ok(()) };
+        succession.own.hosts = Arc::new(hosts.clone());
+        succession.roots.clone_from(roots);
+        if !succession.own.swarm.is_empty() {
+            succession.own.swarm = swarm_file::with_homes(&succession.own.swarm, hosts);
+        }
+        succession.write(directory)
     }
 
     /// Goes on in a run directory of this machine, after the controller's machine has been lost, with hosts where the hosts
@@ -61,16 +86,19 @@ impl Succession {
     /// # Errors
     /// If it cannot be read, or is of another version.
     pub fn read(directory: &Path) -> io::Result<Option<Succession>> {
-        let mut file = match File::open(directory.join(NAME)) {
-            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
-            file => file?,
-        };
-        let mut succession: Succession = read_opening(&mut file)?;
-        if succession.own.swarm.is_empty() {
+        let mut found = Succession::read_as_is(directory)?;
+        if let Some(succession) = found.as_mut().filter(|found| found.own.swarm.is_empty()) {
             // It lies beside the file.
             succession.own.swarm = fs::read(swarm_file::path(directory))?;
         }
-        Ok(Some(succession))
+        Ok(found)
+    }
+
+    fn read_as_is(directory: &Path) -> io::Result<Option<Succession>> {
+        match File::open(directory.join(NAME)) {
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
+            file => read_opening(&mut file?).map(Some),
+        }
     }
 
     /// Reads the file in a directory before a controller of this build takes over.
