@@ -5,7 +5,7 @@
 //! real processes from outside, [`daemons`] their hosts and cables; [`mod@hostile`] gives hostile inputs to commands; [`growth`] is the
 //! experiment that tests of the cube protocol vary, [`metamodules`] the one of the thesis, whose variations
 //! [`cases`] gives names; [`command`] is `metamorph` as a user runs it, [`view`] its page; [`checker`] reads journals without
-//! code of the program and checks every position, [`journal_file`] says where they can be damaged; [`statistics`] compares samples;
+//! code of the program and checks every position, [`journal_file`] says where they can be damaged; [`statistics`] compares samples; [`open_metrics`] reads the text of metrics;
 //! [`required`] are checks that may be skipped, [`json_schema`] are those of documents.
 
 pub mod browser;
@@ -23,6 +23,7 @@ pub mod journal_file;
 pub mod json_schema;
 pub mod metamodules;
 pub mod network;
+pub mod open_metrics;
 pub mod page;
 pub mod probe;
 pub mod required;

@@ -38,9 +38,9 @@ impl View {
     /// Starts a command that shows a run.
     pub fn start(args: &[&str]) -> View {
         let mut command = command(args);
-        // The standard output of a run is for its report, that of a plan for the answer.
+        // The standard output of a run is for its report, that of a plan for the answer; daemons have none.
         let process = match args[0] {
-            "run" | "plan" => command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn(),
+            "run" | "plan" | "host" => command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn(),
             _ => command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn(),
         };
         let mut view = View {

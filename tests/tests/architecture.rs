@@ -436,7 +436,7 @@ const LAYERS: &[(&str, &[&str])] = &[
             "registry",
         ],
     ),
-    ("world-controller/processes", &["control", "swarm", "record", "run", "family"]),
+    ("world-controller/processes", &["control", "metrics", "swarm", "record", "run", "family"]),
     ("world-controller/free-modules", &["plan", "gait", "structure"]),
     ("world-controller/experiments", &["sweep", "diff", "explore"]),
     ("world-controller/people", &["room", "pointing", "studio"]),

@@ -41,6 +41,7 @@ mod language;
 mod learn;
 mod locomotion;
 mod memory_conformance;
+mod metrics;
 mod model_checking;
 mod negative_controls;
 mod operator;

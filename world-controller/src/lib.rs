@@ -9,7 +9,7 @@
 pub use metamorph_cli::learn;
 pub use metamorph_free_modules::gait;
 pub use metamorph_people::{pointing, room, studio};
-pub use metamorph_processes::{control, record, swarm};
+pub use metamorph_processes::{control, metrics, record, swarm};
 
 /// The command line, with the commands of all crates.
 pub mod cli {

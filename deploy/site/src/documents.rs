@@ -3,7 +3,7 @@
 //! A part stands between the comments `<!-- generated: NAME -->` and `<!-- end -->`. In a line of text only the part itself
 //! is between them; a table is on lines of its own.
 
-use crate::{crates, exit_codes, formats, invariants};
+use crate::{crates, exit_codes, formats, invariants, metrics};
 use metamorph_world_controller::scenario::shipped;
 use std::io;
 use std::path::Path;
@@ -44,6 +44,7 @@ fn part(root: &Path, name: &str, old: &str) -> io::Result<String> {
             .ok_or_else(|| io::Error::other(format!("`metamorph {command}` lists no exit codes"))),
         ("formats", kind) => formats::list(kind)
             .ok_or_else(|| io::Error::other(format!("there are no formats of the kind `{kind}`"))),
+        ("metrics", "") => Ok(metrics::table()),
         ("invariants", "") => Ok(invariants::table(&invariants::all(root)?)),
         ("number-of-invariants", "") => Ok(invariants::all(root)?.len().to_string()),
         ("number-of-scenarios", "") => Ok(shipped::names().count().to_string()),

@@ -13,6 +13,7 @@ pub mod formats;
 pub mod gallery;
 pub mod invariants;
 pub mod links;
+pub mod metrics;
 pub mod notices;
 pub mod reference;
 pub mod schema_page;

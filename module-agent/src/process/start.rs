@@ -17,7 +17,7 @@ use crate::transport::iceoryx::rendezvous::{ChannelError, Rendezvous, set_verbos
 use crate::transport::iceoryx::{IceoryxTransport, space};
 use crate::transport::{AgentKey, ConnectError, LACK, TransportError};
 use metamorph_protocol::agent::Agent;
-use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::ids::{HostId, Incarnation, ModuleId};
 use rustix::process::{getpgid, getppid, setpgid, setsid};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -109,6 +109,7 @@ pub fn pid_file(root: &Path, id: ModuleId, incarnation: Incarnation) -> PathBuf 
 pub fn run<A: Agent>(args: &AgentArgs) -> Result<(), AgentError> {
     prepare_process(args.verbose);
     let swarm: SwarmFile<A::Setup> = SwarmFile::read(&args.root)?;
+    let _named = name_lines(args.id, &swarm).entered();
     let lease = ControllerLease::read(&args.root).map_err(|e| AgentError::Lease(args.root.clone(), e))?;
     let guard = Guard::new(lease.controller, swarm.patience > 0);
     if guard.controller_is_gone() {
@@ -167,6 +168,12 @@ fn prepare_process(verbose: bool) {
     }
 }
 
+/// Names the run, the host and the module in every line of the log: those of many agents come together.
+fn name_lines<S>(id: ModuleId, swarm: &SwarmFile<S>) -> tracing::Span {
+    let host = swarm.link.hosts.as_ref().and_then(|hosts| hosts.home_of(id)).unwrap_or(HostId::CONTROLLER);
+    tracing::error_span!("agent", run = swarm.run, %host, module = id.0)
+}
+
 /// Leaves the session of the controller. When a process dies, the kernel sends SIGHUP to its stopped children
 /// in its session, which would end them.
 fn leave_session() {
@@ -196,4 +203,57 @@ fn register(args: &AgentArgs, member: Option<u128>) -> Result<(), AgentError> {
 pub fn begin_journal(parts: &Parts, agent: AgentKey) -> Result<Writer, JournalError> {
     let head = Head::Part { run: parts.run, id: agent.0, incarnation: agent.1 };
     Writer::create(&agent_part(&parts.dir, agent.0, agent.1), &head)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::Speed;
+    use metamorph_protocol::link::{ClockOffset, Hosts, LinkModel};
+    use metamorph_protocol::time::Span;
+    use std::sync::{Mutex, PoisonError};
+
+    #[derive(Clone, Default)]
+    struct Kept(Arc<Mutex<Vec<u8>>>);
+
+    impl io::Write for Kept {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            self.0.lock().unwrap_or_else(PoisonError::into_inner).extend(bytes);
+            Ok(bytes.len())
+        }
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn lines_of_the_log_name_run_host_and_module() {
+        let homes = [0, 0, 1].map(HostId).to_vec();
+        let clocks = vec![ClockOffset::default(); 2];
+        let hosts = Hosts::new(homes, clocks, vec![LinkModel::default()]).unwrap();
+        let swarm = SwarmFile {
+            run: "mm0000k2x9q1".to_owned(),
+            count: 3,
+            seed: 1,
+            speed: Speed::REAL,
+            tolerance: Span::millis(1),
+            link: LinkModel { hosts: Some(Arc::new(hosts)), ..LinkModel::default() },
+            journal: None,
+            patience: 0,
+            setup: (),
+        };
+        let kept = Kept::default();
+        let writer = kept.clone();
+        let lines = tracing_subscriber::fmt().with_ansi(false).with_writer(move || writer.clone()).finish();
+        tracing::subscriber::with_default(lines, || {
+            for id in [1, 2].map(ModuleId) {
+                let _named = name_lines(id, &swarm).entered();
+                tracing::warn!("hears nothing");
+            }
+        });
+        let text = String::from_utf8(kept.0.lock().unwrap().clone()).unwrap();
+        for name in ["host=h1 module=1", "host=h2 module=2"] {
+            assert!(text.contains(&format!("agent{{run=\"mm0000k2x9q1\" {name}}}: ")), "{text}");
+        }
+    }
 }

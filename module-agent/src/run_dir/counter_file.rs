@@ -225,24 +225,24 @@ impl CounterStore for CounterFile {
     }
 }
 
-/// Returns the number of messages that all incarnations of all agents of a run have sent so far. A file that
-/// is being created, or cannot be read, counts as zero.
+/// Returns the messages of all incarnations of all agents of a run so far. A file that is being created, or
+/// cannot be read, counts as zero.
 ///
 /// # Errors
 /// If the directory cannot be read.
-pub fn sent(root: &Path) -> io::Result<u64> {
+pub fn tally(root: &Path) -> io::Result<Tally> {
     let name = |name: &str| -> Option<(ModuleId, Incarnation)> {
         let (id, incarnation) = name.split_once('.')?;
         Some((ModuleId(id.parse().ok()?), Incarnation(incarnation.parse().ok()?)))
     };
-    let mut sent = 0;
+    let mut tally = Tally::default();
     for entry in fs::read_dir(directory(root))? {
         let Some((id, incarnation)) = entry?.file_name().to_str().and_then(name) else { continue };
         if let Ok(Some(counters)) = CounterFile::read(root, id, incarnation) {
-            sent += counters.tally.total().sent;
+            tally += counters.tally;
         }
     }
-    Ok(sent)
+    Ok(tally)
 }
 
 fn header(id: ModuleId, incarnation: Incarnation) -> [u8; HEADER_BYTES] {
@@ -378,7 +378,8 @@ mod tests {
     #[test]
     fn what_all_have_sent_is_added_up() {
         let dir = dir();
-        assert_eq!(sent(dir.path()).unwrap(), 0);
+        let sent = || tally(dir.path()).unwrap().total().sent;
+        assert_eq!(sent(), 0);
         for (id, incarnation, n) in [(4, 0, 1), (4, 1, 2), (7, 0, 3)] {
             let mut file = CounterFile::create(dir.path(), ModuleId(id), Incarnation(incarnation)).unwrap();
             file.write(&counters(n)).unwrap();
@@ -387,7 +388,7 @@ mod tests {
         assert!(each(1) > 0);
         fs::write(directory(dir.path()).join("9.0"), b"").unwrap();
         fs::write(directory(dir.path()).join("stranger"), b"no counters").unwrap();
-        assert_eq!(sent(dir.path()).unwrap(), each(1) + each(2) + each(3));
+        assert_eq!(sent(), each(1) + each(2) + each(3));
     }
 
     /// Latencies are written in batches, whole or not at all, and all of them at the end.

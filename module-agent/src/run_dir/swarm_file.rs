@@ -23,6 +23,8 @@ const LIMIT: usize = 256 << 20;
 /// The configuration that all agents of a run share. `S` is the family's setup.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SwarmFile<S> {
+    /// The name of the run on all its hosts, for logs and metrics: that of the first controller's directory.
+    pub run: String,
     /// The number of modules.
     pub count: u32,
     /// The seed of the run.
@@ -129,6 +131,11 @@ pub fn keeps_journal(bytes: &[u8]) -> bool {
     common_part(bytes).is_some_and(|(file, _)| file.journal.is_some())
 }
 
+/// Returns the name of the run of a swarm file.
+pub fn run_of(bytes: &[u8]) -> Option<String> {
+    common_part(bytes).map(|(file, _)| file.run)
+}
+
 /// Returns the bytes of a swarm file for the agents of a daemon: they end with it, and on another machine they write their
 /// parts of the journal into another directory. Bytes that are no swarm file stay as they are, and agents refuse them.
 pub fn for_daemon(bytes: &[u8], parts_in: Option<&Path>) -> Vec<u8> {
@@ -186,6 +193,7 @@ mod tests {
 
     fn sample() -> SwarmFile<Vec<u32>> {
         SwarmFile {
+            run: "mm0000000000".to_owned(),
             count: 3,
             seed: 9,
             speed: Speed::new(10, 1).unwrap(),
@@ -224,6 +232,7 @@ mod tests {
         sample().write(dir.path()).unwrap();
         let bytes = fs::read(path(dir.path())).unwrap();
         assert!(keeps_journal(&bytes) && !keeps_journal(&bytes[..9]));
+        assert_eq!((run_of(&bytes), run_of(&bytes[..9])), (Some(sample().run), None));
         fs::write(path(dir.path()), for_daemon(&bytes, Some(Path::new("/there")))).unwrap();
         let Parts { run, .. } = sample().journal.unwrap();
         let journal = Some(Parts { dir: "/there".into(), run });

@@ -134,6 +134,8 @@ impl Director {
             filled: self.filled,
             alive: self.alive(),
             moves: self.monitor.done(),
+            standstills: self.monitor.standstill_count(),
+            restarts: self.monitor.crashed_and_restarted().1,
             messages: None,
         }
     }

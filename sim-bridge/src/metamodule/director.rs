@@ -176,6 +176,8 @@ impl MetamoduleDirector {
             filled: self.filled().len(),
             alive: self.members.known().iter().filter(|k| k.alive).count(),
             moves: self.moves,
+            standstills: self.monitor.standstill_count(),
+            restarts: self.monitor.crashed_and_restarted().1,
             messages: None,
         }
     }

@@ -33,7 +33,7 @@ fn try_main() -> Result<(), Box<dyn Error>> {
         let address = Address::unix(Path::new(socket))?;
         let (identity, most, shutdown) = (None, MODULE_LIMIT as u32, Shutdown::new());
         return Ok(daemon(
-            &DaemonOptions { build: 0, address, identity, most, once: true, agents, shutdown },
+            &DaemonOptions { build: 0, address, identity, most, once: true, agents, metrics: None, shutdown },
             || (),
         )?);
     }

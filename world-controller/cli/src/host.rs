@@ -1,6 +1,7 @@
 //! The command `host`: the daemon of one host of a swarm, its keys, and a look at it; and the daemons of a hosts file, for
 //! `check` and `clean`.
 
+use crate::metrics::MetricsArg;
 use crate::scenario_args::HostsArg;
 use clap::Args;
 use metamorph_console::command::{CommandOf, Group};
@@ -64,14 +65,17 @@ pub struct HostArgs {
     pub most: u32,
     /// Make an authority, a token, and certificates for the hosts of this hosts file in the new directory --keys; or for
     /// hosts with their machines, such as h1,h2=10.0.0.2,h3=rack3. Default: none
-    #[arg(long, value_name = "FILE|HOSTS", requires = "keys")]
+    #[arg(long, value_name = "FILE|HOSTS", requires = "keys", conflicts_with = "metrics")]
     pub make_keys: Option<String>,
     /// How long certificates are valid that are made
     #[arg(long, value_name = "DAYS", default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=3650))]
     pub days: u32,
     /// Print what the daemon there does, and its room. Default: none
-    #[arg(long, value_name = "ADDRESS|PATH", value_parser = address, conflicts_with_all = ["listen", "make_keys"])]
+    #[arg(long, value_name = "ADDRESS|PATH", value_parser = address, conflicts_with_all = ["listen", "make_keys", "metrics"])]
     pub status: Option<Address>,
+    /// Metrics of this host.
+    #[command(flatten)]
+    pub metrics: MetricsArg,
     /// End after one run, or with the process that started this one
     #[arg(long, hide = true)]
     pub once: bool,
@@ -136,6 +140,7 @@ pub fn host(args: HostArgs, interrupt: &Interrupt) -> Result<u8, Failure> {
         return Ok(0);
     }
     let Some(address) = args.listen else { return Ok(FAILED) };
+    let metrics = args.metrics.serve(args.once)?;
     let address = free_port(address)?;
     let shutdown = Shutdown::new();
     interrupt.begin();
@@ -152,7 +157,10 @@ pub fn host(args: HostArgs, interrupt: &Interrupt) -> Result<u8, Failure> {
             print_error(&format!("listening on {shown}; Ctrl-C ends it"));
         }
     };
-    daemon(&DaemonOptions { build: build(), address, identity, most, once, agents, shutdown }, ready)?;
+    daemon(
+        &DaemonOptions { build: build(), address, identity, most, once, agents, metrics, shutdown },
+        ready,
+    )?;
     Ok(0)
 }
 

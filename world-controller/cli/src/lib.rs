@@ -1,7 +1,7 @@
 //! The command line: one file a command, with its arguments, its help and its exit codes, and the list of all commands.
 //!
 //! `commands` has the list, `dispatch` goes from arguments to an exit code, `reference` makes what is generated from the
-//! definitions. `scenario_args` and `exit_codes` are shared by several commands, `runs` by those that run a scenario or show
+//! definitions. `scenario_args`, `metrics` and `exit_codes` are shared by several commands, `runs` by those that run a scenario or show
 //! a run.
 
 mod agent;
@@ -22,6 +22,7 @@ mod host;
 pub mod learn;
 mod licences;
 mod log;
+mod metrics;
 mod modules;
 mod new;
 mod new_protocol;

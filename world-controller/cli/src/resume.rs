@@ -1,6 +1,7 @@
 //! The command `resume`.
 
 use crate::exit_codes::{DAMAGED_EXIT_CODE, EXIT_CODES};
+use crate::metrics::MetricsArg;
 use crate::runs::{Asked, Show};
 use crate::scenario_args::hosts_file;
 use clap::Args;
@@ -12,7 +13,7 @@ use metamorph_console::stopwatch::Stopwatch;
 use metamorph_console::terminal::Live;
 use metamorph_processes::family::{self, families};
 use metamorph_processes::record::journal::parts_of;
-use metamorph_processes::run::processes;
+use metamorph_processes::run::{PageChannels, processes};
 use metamorph_processes::swarm::HostsFile;
 use metamorph_text::command_error::Failure;
 use std::path::Path;
@@ -62,6 +63,9 @@ pub struct ResumeArgs {
     /// Let the page command the run; a second address, with the secret for that, is printed
     #[arg(long, requires = "view")]
     pub control: bool,
+    /// Metrics of the run.
+    #[command(flatten)]
+    pub metrics: MetricsArg,
     /// Print errors only, and JSON if requested
     #[arg(short, long)]
     pub quiet: bool,
@@ -85,9 +89,11 @@ fn resume(args: ResumeArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u
         control: args.control,
         quiet: args.quiet,
     };
+    let metrics = args.metrics.serve(args.quiet)?;
     let show = Show::begin(&plan, asked, &mut outputs, interrupt)?;
     let mut live = Live::new(!args.quiet);
-    let report = family::of(&plan).resume(left, &mut live, since, show.channels(&plan))?;
+    let page = PageChannels { metrics, ..show.channels(&plan) };
+    let report = family::of(&plan).resume(left, &mut live, since, page)?;
     drop(live);
     show.end(&plan, &report, Some(&args.file))
 }

@@ -2,6 +2,7 @@
 
 use crate::exit_codes::EXIT_CODES;
 use crate::export::write_tables;
+use crate::metrics::MetricsArg;
 use crate::runs::{Asked, Show, plan};
 use crate::scenario_args::{PlanArgs, real_time};
 use clap::Args;
@@ -13,6 +14,7 @@ use metamorph_console::stopwatch::Stopwatch;
 use metamorph_console::terminal::Live;
 use metamorph_processes::family::{self, run_simulated};
 use metamorph_processes::record::journal::{JournalError, JournalSession, exit_code};
+use metamorph_processes::run::PageChannels;
 use metamorph_processes::run::processes::Processes;
 use metamorph_scenario::LinkKind;
 use metamorph_text::command_error::{CommandError, Failure};
@@ -72,6 +74,9 @@ pub struct RunArgs {
     /// that, is printed. A simulated run then takes the time that processes would
     #[arg(long, requires = "view")]
     pub control: bool,
+    /// Metrics of the run.
+    #[command(flatten)]
+    pub metrics: MetricsArg,
     /// Print errors only, and JSON if requested
     #[arg(short, long)]
     pub quiet: bool,
@@ -111,6 +116,7 @@ fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Fai
         control: args.control,
         quiet: args.quiet,
     };
+    let metrics = args.metrics.serve(args.quiet)?;
     let show = Show::begin(&plan, asked, &mut outputs, interrupt)?;
     let mut live = Live::new(!args.quiet);
     let begin = match overrides.link {
@@ -119,7 +125,7 @@ fn run(args: RunArgs, since: Stopwatch, interrupt: &Interrupt) -> Result<u8, Fai
     };
     let keeping = journal.as_deref().map(|file| begin(file, &plan)).transpose();
     let keeping = keeping.map_err(NoJournal)?;
-    let page = show.channels(&plan);
+    let page = PageChannels { metrics, ..show.channels(&plan) };
     let report = match overrides.link {
         LinkKind::Sim => run_simulated(&plan, &show.interrupt, &mut live, since, keeping, page),
         LinkKind::Ipc => {

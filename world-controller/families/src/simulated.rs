@@ -154,6 +154,7 @@ impl<R: Runnable, W: Audited, D: DirectorPort<W>> Run<R, W, D> {
             world_hash: hashes.world,
             search,
             machine_fault: None,
+            logs: None,
             notes,
         };
         (report(&facts), facts.account)

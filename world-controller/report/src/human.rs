@@ -81,6 +81,9 @@ fn write_all(out: &mut String, r: &Report, words: &Words, paint: Paint) -> std::
     for note in &r.notes {
         writeln!(out, "  note: {note}")?;
     }
+    if let Some(logs) = &r.logs {
+        writeln!(out, "  logs        of run {}: {}", logs.run, logs.places().join("; "))?;
+    }
     write_identity(out, r)
 }
 

@@ -38,8 +38,8 @@ use metamorph_scenario::{LinkChange, Plan};
 use metamorph_text::format::{count, digits, many};
 use prospect::{Possible, Prospect};
 use schema::{
-    Agents, ClassCounts, Collisions, Detected, FaultReport, GoalReport, Invariants, Machine, Messages,
-    ProofReport, Report, SCHEMA, SlowedReport, Standstill, Times, ViolationReport, Waiting,
+    Agents, ClassCounts, Collisions, Detected, FaultReport, GoalReport, Invariants, LogsReport, Machine,
+    Messages, ProofReport, Report, SCHEMA, SlowedReport, Standstill, Times, ViolationReport, Waiting,
 };
 use std::time::Duration;
 
@@ -109,6 +109,8 @@ pub struct Facts<'a> {
     pub search: bool,
     /// Why the run was ended early, if the machine took away what it needs.
     pub machine_fault: Option<String>,
+    /// Where the logs of the run are; `None` if it has no processes.
+    pub logs: Option<LogsReport>,
     /// Notes for the reader, such as processes that died without a fault.
     pub notes: Vec<String>,
 }
@@ -180,6 +182,7 @@ pub fn report(facts: &Facts<'_>) -> Report {
         faults_planned: plan.schedule.iter().filter(|s| s.by == Origin::Scenario).count() as u64
             + plan.link_changes().len() as u64,
         notes: facts.notes.clone(),
+        logs: facts.logs.clone(),
         incomplete_journal: None,
         trace_hash: facts.trace_hash.map(digits),
         state_hash: facts.state_hash.map(digits),

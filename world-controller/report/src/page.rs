@@ -299,6 +299,10 @@ fn numbers(report: &Report, words: &Words) -> Markup {
             h2 { "Notes" }
             ul { @for note in &report.notes { li { (note) } } }
         }
+        @if let Some(logs) = &report.logs {
+            h2 { "Logs" }
+            p { "Lines of run " (logs.run) ": " (logs.places().join("; ")) }
+        }
     }
 }
 

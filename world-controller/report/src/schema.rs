@@ -88,6 +88,9 @@ pub struct Report {
     pub faults_planned: u64,
     /// Notes for the reader, such as processes that died without a fault.
     pub notes: Vec<String>,
+    /// Where the logs of the run are; null on `sim`, and in reports of earlier versions.
+    #[serde(default)]
+    pub logs: Option<LogsReport>,
     /// Why the journal of the run is not whole; null if it is, or if none was asked for.
     #[serde(default)]
     pub incomplete_journal: Option<String>,
@@ -106,6 +109,36 @@ pub struct Report {
     pub repeat: String,
     /// The machine that ran it.
     pub machine: Machine,
+}
+
+/// Where the logs of a run of processes are.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct LogsReport {
+    /// The name of the run, which its log lines and metrics carry.
+    pub run: String,
+    /// Where each host writes.
+    pub hosts: Vec<LogPlace>,
+}
+
+impl LogsReport {
+    /// Returns the places as text; with one host, without its name.
+    pub fn places(&self) -> Vec<String> {
+        match &self.hosts[..] {
+            [only] => vec![only.place.clone()],
+            hosts => hosts.iter().map(|LogPlace { host, place, .. }| format!("{host} {place}")).collect(),
+        }
+    }
+}
+
+/// Where one host writes its log.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct LogPlace {
+    /// Its name.
+    pub host: String,
+    /// The place, in words.
+    pub place: String,
+    /// The directory of its modules' own logs until the run ends, which is removed then; null on other hosts.
+    pub modules: Option<String>,
 }
 
 /// What passed between the controller and the agents.

@@ -175,18 +175,32 @@ pub fn serve_site<S: Site>(site: S, port: Option<u16>) -> Result<String, ServerE
         Some(port) => ServerError::Port { port, error },
         None => ServerError::Listen(error),
     })?;
-    listener.set_nonblocking(true)?;
     let access = AccessCheck::new(Token::random()?, listener.local_addr()?.port());
     let address = access.address();
+    serve_on(listener, "page", access, site)?;
+    Ok(address)
+}
+
+/// Serves a site until the program ends, on a thread of this name.
+///
+/// # Errors
+/// If there is no thread.
+pub fn serve_on<S: Site>(
+    listener: TcpListener,
+    name: &str,
+    access: AccessCheck,
+    site: S,
+) -> Result<(), io::Error> {
+    listener.set_nonblocking(true)?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let inside = Arc::new(Inside { access, site: Arc::new(site) });
     let listener = {
         let _entered = runtime.enter();
         tokio::net::TcpListener::from_std(listener)?
     };
-    let page = std::thread::Builder::new().name("page".into());
-    page.spawn(move || runtime.block_on(serve(listener, inside)))?;
-    Ok(address)
+    let thread = std::thread::Builder::new().name(name.into());
+    thread.spawn(move || runtime.block_on(serve(listener, inside)))?;
+    Ok(())
 }
 
 /// Accepts connections, at most [`CONNECTIONS`] at a time.
@@ -202,7 +216,7 @@ async fn serve<S: Site>(listener: tokio::net::TcpListener, inside: Arc<Inside<S>
                 });
             }
             Err(error) => {
-                tracing::warn!("the page cannot be asked for: {error}");
+                tracing::warn!("a connection cannot be accepted: {error}");
                 sleep(AGAIN).await;
             }
         }

@@ -5,6 +5,8 @@
 //! page, which is in the program (`page/`, plain JavaScript, no build step). `export` writes recordings and structures for
 //! other viewers.
 //!
+//! `metrics_server` serves the metrics of a run or a daemon on an address of their own.
+//!
 //! The page only looks, unless the run was started with `--control`: then `control` takes commands from a page that holds
 //! the second secret.
 
@@ -12,6 +14,7 @@ pub mod access;
 pub mod control;
 pub mod export;
 pub mod http;
+pub mod metrics_server;
 mod mp4;
 pub mod request;
 pub mod saved;

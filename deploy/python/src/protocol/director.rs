@@ -73,7 +73,8 @@ impl PyDirector {
     pub fn progress(&self) -> Progress {
         let filled = self.stage().filled;
         let alive = self.alive.iter().filter(|alive| **alive).count();
-        Progress { stage: 0, stages: 1, goal: 1, filled, alive, moves: 0, messages: None }
+        let (standstills, restarts) = (self.stall.is_some().into(), self.crashed_and_restarted().1);
+        Progress { goal: 1, stages: 1, filled, alive, standstills, restarts, ..Progress::default() }
     }
     /// Returns `until` as a goal of one cell.
     pub fn stage(&self) -> Stage {

@@ -76,6 +76,10 @@ impl<O> RunMonitor<O> {
     pub fn standstills(&self) -> &Standstills {
         &self.standstills
     }
+    /// Returns the number of standstills so far, with one that lasts.
+    pub fn standstill_count(&self) -> u64 {
+        self.standstills.counts().iter().sum()
+    }
     /// Returns the effects of the faults so far.
     pub fn struck(&self) -> &[FaultRecord] {
         self.faults.struck()

@@ -31,6 +31,10 @@ pub struct Progress {
     pub alive: usize,
     /// The number of moves completed.
     pub moves: u64,
+    /// The number of standstills so far, with one that lasts.
+    pub standstills: u64,
+    /// The number of processes restarted.
+    pub restarts: u64,
     /// The number of messages sent so far, if the driver counts them.
     pub messages: Option<u64>,
 }

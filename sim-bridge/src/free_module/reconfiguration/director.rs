@@ -92,6 +92,8 @@ impl FreeModuleDirector {
             filled: self.joined.1,
             alive: self.known.iter().filter(|k| k.alive).count(),
             moves: self.monitor.done(),
+            standstills: self.monitor.standstill_count(),
+            restarts: self.monitor.crashed_and_restarted().1,
             messages: None,
         }
     }

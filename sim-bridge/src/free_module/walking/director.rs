@@ -171,7 +171,17 @@ impl WalkDirector {
     pub fn progress(&self) -> Progress {
         let (goal, filled) = self.seconds();
         let alive = self.members.alive().count();
-        Progress { stage: 0, stages: 1, goal, filled, alive, moves: self.gaits(), messages: None }
+        Progress {
+            stage: 0,
+            stages: 1,
+            goal,
+            filled,
+            alive,
+            moves: self.gaits(),
+            standstills: self.monitor.standstill_count(),
+            restarts: self.monitor.crashed_and_restarted().1,
+            messages: None,
+        }
     }
     /// Returns the only stage.
     pub fn stage(&self) -> Stage {

@@ -16,7 +16,7 @@ const LONGEST: u64 = 256 << 20;
 /// Largest number of differences listed; the rest is counted.
 const SHOWN_MAX: usize = 60;
 /// Fields about the machine and the moment of the run, in which equal runs differ.
-const OF_THE_MACHINE: [&str; 3] = ["time.wall", "time.setup", "repeat"];
+const OF_THE_MACHINE: [&str; 4] = ["time.wall", "time.setup", "repeat", "logs"];
 
 fn read(path: &Path) -> Result<Value, DiffError> {
     let wrong = |reason: String| DiffError::Report { path: path.to_owned(), reason };

@@ -86,7 +86,17 @@ impl<P: GraphProtocol> GraphDirector<P> {
     pub fn progress(&self) -> Progress {
         let alive = self.living().count();
         let filled = self.living().filter(|id| self.reached[id.index()]).count();
-        Progress { stage: 0, stages: 1, goal: alive, filled, alive, moves: 0, messages: None }
+        Progress {
+            stage: 0,
+            stages: 1,
+            goal: alive,
+            filled,
+            alive,
+            moves: 0,
+            standstills: self.monitor.standstill_count(),
+            restarts: self.monitor.crashed_and_restarted().1,
+            messages: None,
+        }
     }
     /// Returns the one goal.
     pub fn stage(&self) -> Stage {

@@ -158,7 +158,7 @@ fn run(order: Order, interrupt: &Interrupt) -> Result<Report, ProcessError> {
     let Order { plan, scene, commands, shutdown } = order;
     let (family, since) = (family::of(&plan), Stopwatch::start());
     let scribe = Some(family.shown(&plan).scribe(scene));
-    let page = PageChannels { scribe, control: Some(commands), shutdown: shutdown.clone() };
+    let page = PageChannels { scribe, control: Some(commands), shutdown: shutdown.clone(), metrics: None };
     match plan.overrides.link {
         LinkKind::Ipc => {
             let live = &mut Live::new(false);

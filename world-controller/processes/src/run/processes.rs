@@ -1,6 +1,7 @@
 //! Runs a plan with one process per module, over shared memory: a plan goes in and a report comes out. The
 //! swarm of processes and its supervision are in `swarm`.
 
+use crate::metrics::Metrics;
 use crate::record::journal::{HeadError, Journal, JournalError, JournalSession, parts_of, plan_of};
 use crate::record::tee::both;
 use crate::run::PageChannels;
@@ -9,7 +10,8 @@ use crate::run::replay::{RecoverError, Recovered, recover};
 use crate::swarm::balance::unbalanced;
 use crate::swarm::{
     CleanError, Crash, FULL, HostsFile, HostsOptions, Meter, NotResumable, Resumption, SwarmError,
-    SwarmOptions, SwarmOutcome, WATCH, adopt, adopt_elsewhere, build, clean, resume_swarm, run_swarm,
+    SwarmOptions, SwarmOutcome, WATCH, adopt, adopt_elsewhere, build, clean, log_directory, resume_swarm,
+    run_swarm,
 };
 use metamorph_console::stopwatch::Stopwatch;
 use metamorph_console::terminal::Live;
@@ -18,11 +20,11 @@ use metamorph_module_agent::clock::Speed;
 use metamorph_module_agent::journal_file::{Head, Parts, Reader, RunId, controller_part};
 use metamorph_module_agent::most_neighbours;
 use metamorph_protocol::agent::Agent;
-use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::ids::{HostId, ModuleId};
 use metamorph_protocol::record::{Outside, Record, Sink};
 use metamorph_protocol::runtime::Command;
 use metamorph_protocol::time::Time;
-use metamorph_report::schema::Report;
+use metamorph_report::schema::{LogPlace, LogsReport, Report};
 use metamorph_report::{Facts, ended, progress, report};
 use metamorph_scenario::Plan;
 use metamorph_scenario::family::Families;
@@ -169,6 +171,11 @@ fn options<R: Runnable>(swarm: &R, plan: &Plan, parts: Option<&Parts>) -> Result
     })
 }
 
+/// Returns metrics that know the plan of the run that begins.
+fn described(metrics: Option<Metrics>, plan: &Plan) -> Option<Metrics> {
+    metrics.inspect(|metrics| metrics.describe(plan))
+}
+
 /// The records of a run that has no journal and no page.
 struct Forgotten;
 
@@ -183,19 +190,14 @@ pub fn run<R: Runnable>(swarm: &R, plan: &Plan, processes: Processes<'_>) -> Res
     let world = swarm.world(plan);
     let mut options = options(swarm, plan, keeping.as_ref().and_then(JournalSession::parts))?;
     (options.control, options.shutdown) = (page.control, page.shutdown);
+    options.metrics = described(page.metrics, plan);
     if let Some(HostsFile { addresses, keys, clock_error, timing, .. }) = hosts {
         let clock_error = clock_error.unwrap_or_default();
         options.hosts = HostsOptions { addresses, keys, clock_error, timing, ..options.hosts };
     }
     options.patience = if keeping.is_some() { patience } else { Duration::ZERO };
     let brain = swarm.director(plan);
-    let director = Watched::<R> {
-        brain,
-        plan,
-        live,
-        meter: Meter::new(&options.root),
-        share: Arc::clone(&options.share),
-    };
+    let director = Watched::<R>::new(brain, plan, live, &options);
     tracing::info!(modules = world.len(), seed = plan.seed, "the swarm starts");
     let before = since.elapsed();
     let setup = swarm.setup().as_ref();
@@ -207,9 +209,18 @@ pub fn run<R: Runnable>(swarm: &R, plan: &Plan, processes: Processes<'_>) -> Res
     let ran = run_swarm(&options, setup, &mut recorded, &mut brain);
     let give_up = |_: &SwarmError| keeping.iter().for_each(JournalSession::give_up);
     let outcome = ran.inspect_err(give_up)?;
-    let Watched { brain, live, .. } = brain.into_inner();
-    live.clear();
-    Ok(conclude(swarm, plan, recorded.into_inner(), brain, &outcome, before, keeping, Vec::new()))
+    let brain = brain.into_inner().end();
+    Ok(conclude(
+        swarm,
+        plan,
+        recorded.into_inner(),
+        brain,
+        &outcome,
+        before,
+        keeping,
+        Vec::new(),
+        logs(&options, plan),
+    ))
 }
 
 /// Resumes a run from its journal.
@@ -250,14 +261,8 @@ pub fn resume<R: Runnable>(
     }
     let keeping = JournalSession::going_on(&file, run, part.end(), until)?;
     let mut options = options(swarm, plan, keeping.parts())?;
-    options.control = page.control;
-    let director = Watched::<R> {
-        brain: director,
-        plan,
-        live,
-        meter: Meter::new(&options.root),
-        share: Arc::clone(&options.share),
-    };
+    (options.control, options.metrics) = (page.control, described(page.metrics, plan));
+    let director = Watched::<R>::new(director, plan, live, &options);
     let before = since.elapsed();
     let log = both(Some(keeping.log()), page.scribe).expect("invariant: two logs make one, and one is there");
     let mut recorded = RecordedWorld::new(world, log.clone());
@@ -265,9 +270,18 @@ pub fn resume<R: Runnable>(
     let resumption = Resumption { until, agents, latest, restarting, finishing, links, counted };
     let ran = resume_swarm(&options, adopted, resumption, &mut recorded, &mut brain);
     let outcome = ran.inspect_err(|_| keeping.give_up())?;
-    let Watched { brain, live, .. } = brain.into_inner();
-    live.clear();
-    Ok(conclude(swarm, plan, recorded.into_inner(), brain, &outcome, before, Some(keeping), said))
+    let brain = brain.into_inner().end();
+    Ok(conclude(
+        swarm,
+        plan,
+        recorded.into_inner(),
+        brain,
+        &outcome,
+        before,
+        Some(keeping),
+        said,
+        logs(&options, plan),
+    ))
 }
 
 #[allow(clippy::too_many_arguments, reason = "all results of a run")]
@@ -280,6 +294,7 @@ fn conclude<R: Runnable>(
     before: Duration,
     keeping: Option<JournalSession>,
     said: Vec<String>,
+    logs: LogsReport,
 ) -> Report {
     let (mut violations, checked) = R::last_check(&mut world, outcome.end);
     let neighbours = most_neighbours::<<R::World as World>::Agent>(world.len());
@@ -317,9 +332,30 @@ fn conclude<R: Runnable>(
         world_hash: world_hash(&world),
         search: true,
         machine_fault: outcome.machine_fault.clone(),
+        logs: Some(logs),
         notes,
     });
     Report { incomplete_journal: incomplete, ..report }
+}
+
+/// Says where the hosts of a run write their logs.
+fn logs(options: &SwarmOptions, plan: &Plan) -> LogsReport {
+    let own = "standard error of this command";
+    let place = |i: u16| {
+        let host = HostId(i);
+        // A daemon that this command has started writes where it does itself.
+        let place = match options.hosts.addresses.get(host.index().wrapping_sub(1)) {
+            Some(address) => format!("standard error of `metamorph host` at {address}"),
+            None => own.to_owned(),
+        };
+        let directory =
+            options.root.get().filter(|_| host == HostId::CONTROLLER).map(|root| log_directory(root));
+        let modules = directory.map(|directory| directory.display().to_string());
+        LogPlace { host: host.to_string(), place, modules }
+    };
+    // Invariant: there are fewer than 2^16 hosts.
+    let count = plan.link.hosts.as_ref().map_or(1, |hosts| hosts.len().max(1)) as u16;
+    LogsReport { run: options.run.get().cloned().unwrap_or_default(), hosts: (0..count).map(place).collect() }
 }
 
 /// Converts the time scale; thousandths are precise enough, and the plan limits the range.
@@ -366,6 +402,21 @@ struct Watched<'a, R: Runnable> {
     meter: Meter,
     /// The current speed of the clock, in parts of [`FULL`].
     share: Arc<AtomicU32>,
+    metrics: Option<Metrics>,
+}
+
+impl<'a, R: Runnable> Watched<'a, R> {
+    fn new(brain: R::Director, plan: &'a Plan, live: &'a mut Live, options: &SwarmOptions) -> Self {
+        let (meter, share) = (Meter::new(&options.root), Arc::clone(&options.share));
+        Watched { brain, plan, live, meter, share, metrics: options.metrics.clone() }
+    }
+
+    /// Returns the director of a run that is over.
+    fn end(self) -> R::Director {
+        self.live.clear();
+        self.metrics.iter().for_each(|metrics| metrics.end(Some(R::progress(&self.brain))));
+        self.brain
+    }
 }
 
 type ReportOf<W> = <<W as World>::Agent as Agent>::Report;
@@ -386,6 +437,9 @@ impl<R: Runnable> DirectorPort<R::World> for Watched<'_, R> {
     }
     fn wake(&mut self, now: Time, world: &mut R::World) {
         self.brain.wake(now, world);
+        if let Some(metrics) = &self.metrics {
+            metrics.note_progress(|| (R::progress(&self.brain), self.share.load(Ordering::Relaxed)));
+        }
         self.live.show(|| {
             let seen = Progress { messages: self.meter.sent(), ..R::progress(&self.brain) };
             let share = f64::from(self.share.load(Ordering::Relaxed)) / f64::from(FULL);

@@ -34,7 +34,7 @@ impl Meter {
         if self.read.is_none_or(|read| read.elapsed() >= self.rest) {
             let begun = Stopwatch::start();
             // An error here is ignored; it is reported at the end of the run, when it matters.
-            self.sent = counter_file::sent(root).ok().or(self.sent);
+            self.sent = counter_file::tally(root).ok().map(|tally| tally.total().sent).or(self.sent);
             self.rest = (begun.elapsed() * REST).max(EVERY);
             self.read = Some(Stopwatch::start());
         }

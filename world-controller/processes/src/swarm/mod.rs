@@ -43,10 +43,13 @@ pub use crate::swarm::reserve::needed as shared_memory_needed;
 pub use crate::swarm::resume::{
     Adopted, Counted, NotResumable, Resumption, TakenOver, adopt, adopt_elsewhere,
 };
-pub use crate::swarm::run_dir::{CleanError, CleanReport, RunDir, RunDirError, clean, leftovers};
+pub use crate::swarm::run_dir::{
+    CleanError, CleanReport, RunDir, RunDirError, clean, leftovers, log_directory,
+};
 pub use crate::swarm::watch::{SUBCOMMAND as WATCH, watch};
 
 use crate::control::SharedQueue;
+use crate::metrics::Metrics;
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::shutdown::Shutdown;
 use metamorph_module_agent::clock::Speed;
@@ -84,6 +87,8 @@ pub struct SwarmOptions {
     pub verbose: bool,
     /// Has the commands of operators, if the run can be controlled.
     pub control: Option<SharedQueue>,
+    /// Takes note of the run, if its metrics are served.
+    pub metrics: Option<Metrics>,
     /// Requests the end of the swarm before its director does.
     pub shutdown: Shutdown,
     /// True if SIGINT, SIGTERM and SIGHUP request the end of the swarm, see [`Interrupt`].
@@ -98,6 +103,8 @@ pub struct SwarmOptions {
     pub patience: Duration,
     /// The run's directory, as soon as it exists; for display.
     pub root: Arc<OnceLock<PathBuf>>,
+    /// The name of the run in logs and metrics, as soon as it has one.
+    pub run: Arc<OnceLock<String>>,
     /// Longest time that the start of the swarm may take without one more agent coming up.
     pub setup_timeout: Duration,
     /// Longest time that the end of the swarm may take without one more agent falling silent or ending, before the
@@ -119,12 +126,14 @@ impl SwarmOptions {
             hosts: HostsOptions::default(),
             verbose: false,
             control: None,
+            metrics: None,
             shutdown: Shutdown::new(),
             catch_signals: false,
             watcher: None,
             journal: None,
             patience: Duration::ZERO,
             root: Arc::default(),
+            run: Arc::default(),
             setup_timeout: Duration::from_secs(120),
             stop_timeout: Duration::from_secs(30),
         }

@@ -1,6 +1,7 @@
 //! A swarm of processes on this machine: one per agent over iceoryx2, in a run directory of its own,
 //! supervised by a second thread with tokio.
 
+use crate::metrics::Metrics;
 use crate::swarm::controller_loop::{ControllerLoop, Services};
 use crate::swarm::hosts::{Fleet, Hosts, Inherited, backend};
 use crate::swarm::launcher::Backend;
@@ -18,7 +19,7 @@ use metamorph_module_agent::clock::monotonic;
 use metamorph_module_agent::clock::source::FileClock;
 use metamorph_module_agent::run_dir::controller_lease::ControllerLease;
 use metamorph_module_agent::run_dir::identity::Identity;
-use metamorph_module_agent::run_dir::swarm_file::SwarmFile;
+use metamorph_module_agent::run_dir::swarm_file::{self, SwarmFile};
 use metamorph_module_agent::transport::iceoryx::rendezvous::{Rendezvous, SHARD, set_verbosity};
 use metamorph_module_agent::transport::iceoryx::{IceoryxTransport, space};
 use metamorph_protocol::agent::Agent;
@@ -26,6 +27,7 @@ use metamorph_protocol::ids::HostId;
 use metamorph_protocol::time::Time;
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::world::World;
+use std::fs;
 use std::sync::Arc;
 
 /// Number of dead agents of one shard that may wait to be reaped while others are started in their place. A
@@ -74,7 +76,10 @@ where
     let here = hosts.map_or(count, |hosts| hosts.modules(HostId::CONTROLLER).count());
     let mut reserve = Reserve::take(dir.root(), here as u64)?;
     options.root.get_or_init(|| dir.root().to_owned());
+    let run = dir.name().to_string();
+    let _named = begin_named(options, &run, &dir).entered();
     SwarmFile {
+        run,
         count: count as u32,
         seed: options.seed,
         speed: options.speed,
@@ -94,13 +99,30 @@ where
     let (transport, launcher) = attach(launch, &options.shutdown, &dir, count, fleet.is_some())?;
     let Some(fleet) = fleet else {
         let services = Services::<Processes> { launcher, transport, pace, reserve, dir: Some(&dir) };
-        return ControllerLoop::new(options, services, world, director, begun).run();
+        return settled(options, ControllerLoop::new(options, services, world, director, begun).run());
     };
     let new = Inherited::new(fleet);
-    let journal = options.journal.as_ref();
-    let (transport, launcher) = backend(new, (transport, launcher), dir.root(), lease.generation, journal)?;
+    let (transport, launcher) = backend(new, (transport, launcher), dir.root(), lease.generation, options)?;
     let services = Services::<Hosts> { launcher, transport, pace, reserve, dir: Some(&dir) };
-    ControllerLoop::new(options, services, world, director, begun).run()
+    settled(options, ControllerLoop::new(options, services, world, director, begun).run())
+}
+
+/// Begins the metrics of a run, and returns the span that names it in the log.
+fn begin_named(options: &SwarmOptions, run: &str, dir: &RunDir) -> tracing::Span {
+    if let Some(metrics) = &options.metrics {
+        metrics.begin(run, HostId::CONTROLLER, Some(dir.root()));
+    }
+    options.run.get_or_init(|| run.to_owned());
+    tracing::error_span!("run", run, host = %HostId::CONTROLLER)
+}
+
+/// Reads what metrics say of a run from its directory, before that is removed.
+fn settled(
+    options: &SwarmOptions,
+    ran: Result<SwarmOutcome, SwarmError>,
+) -> Result<SwarmOutcome, SwarmError> {
+    options.metrics.iter().for_each(Metrics::settle);
+    ran
 }
 
 /// Resumes a swarm whose controller was killed, in the state recovered from its journal. Otherwise like
@@ -124,6 +146,9 @@ where
     let Adopted { mut dir, epoch, lock } = adopted;
     watch_over(&mut dir, options)?;
     options.root.get_or_init(|| dir.root().to_owned());
+    let swarm = fs::read(swarm_file::path(dir.root())).unwrap_or_default();
+    let run = swarm_file::run_of(&swarm).unwrap_or_else(|| dir.name().to_string());
+    let _named = begin_named(options, &run, &dir).entered();
     let generation = match lock {
         // The directory is new; only the first controller of a run has generation 0.
         Some(_) => 1,
@@ -149,12 +174,13 @@ where
     let (reserve, root) = (Reserve::left(dir.root()), dir.root());
     let Some(inherited) = inherited else {
         let services = Services::<Processes> { launcher, transport, pace, reserve, dir: Some(&dir) };
-        return ControllerLoop::new(options, services, world, director, begun).go_on(root, epoch, resumption);
+        let controller = ControllerLoop::new(options, services, world, director, begun);
+        return settled(options, controller.go_on(root, epoch, resumption));
     };
-    let journal = options.journal.as_ref();
-    let (transport, launcher) = backend(inherited, (transport, launcher), root, generation, journal)?;
+    let (transport, launcher) = backend(inherited, (transport, launcher), root, generation, options)?;
     let services = Services::<Hosts> { launcher, transport, pace, reserve, dir: Some(&dir) };
-    ControllerLoop::new(options, services, world, director, begun).go_on(root, epoch, resumption)
+    let controller = ControllerLoop::new(options, services, world, director, begun);
+    settled(options, controller.go_on(root, epoch, resumption))
 }
 
 /// Prepares this process to control a swarm. Returns the time of CLOCK_MONOTONIC at which the run was asked

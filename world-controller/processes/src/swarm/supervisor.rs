@@ -99,9 +99,11 @@ impl Supervisor {
         let (tasks, inbox) = mpsc::channel(TASKS);
         let (sender, events) = queue::channel();
         let (ready, is_ready) = queue::channel();
+        let named = tracing::Span::current();
         let thread = std::thread::Builder::new()
             .name("supervisor".into())
             .spawn(move || {
+                let _named = named.entered();
                 // Channels stay with their thread, so the bell is created here.
                 let bell = Bell::new(&launch, sender);
                 let _ = ready.send(bell.as_ref().map(drop).map_err(|e| e.to_string()));
@@ -445,6 +447,10 @@ fn exited(launch: &Launch, agent: AgentKey, status: io::Result<ExitStatus>) -> E
             (None, None) => "ended".to_owned(),
         },
     };
+    if code == Some(0) && !stderr_tail.is_empty() {
+        // Its log ends with the run; that of one that crashes is in the report.
+        tracing::warn!(module = agent.0.0, "its log ended with: {}", stderr_tail.trim());
+    }
     Event::Exited { agent, how, signal, of_machine, stderr_tail }
 }
 

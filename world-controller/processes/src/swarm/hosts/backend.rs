@@ -8,12 +8,12 @@ use super::node::Node;
 use super::parts::Collected;
 use super::returning::Returning;
 use super::shared::Shared;
+use crate::swarm::SwarmOptions;
 use crate::swarm::launcher::{Backend, Event, Found, HostsAccount, Launcher, Takeover};
 use crate::swarm::outcome::SwarmError;
 use crate::swarm::supervisor::Supervisor;
 use metamorph_console::stopwatch::Stopwatch;
 use metamorph_module_agent::clock::source::FileClock;
-use metamorph_module_agent::journal_file::Parts;
 use metamorph_module_agent::run_dir::counter_file::{AgentCounters, CounterFile};
 use metamorph_module_agent::transport::iceoryx::{IceoryxLink, IceoryxTransport};
 use metamorph_module_agent::transport::shared_frame::SharedFrame;
@@ -61,7 +61,7 @@ pub fn backend(
     (transport, supervisor): (IceoryxTransport, Supervisor),
     root: &Path,
     generation: u32,
-    journal: Option<&Parts>,
+    options: &SwarmOptions,
 ) -> Result<(HostsTransport, HostsLauncher), SwarmError> {
     let Inherited { mut fleet, found, ended, lost, since, has_moved, .. } = inherited;
     let called = if generation == 0 { BTreeSet::new() } else { fleet.away().collect() };
@@ -96,8 +96,9 @@ pub fn backend(
         root: root.to_owned(),
         own,
         generation,
-        collected: journal.map(|parts| Collected::new(&parts.dir)),
+        collected: options.journal.as_ref().map(|parts| Collected::new(&parts.dir)),
         told: None,
+        metrics: options.metrics.clone(),
     };
     lost.into_iter().for_each(|(host, why)| shared.lose(host, &why));
     let shared = Rc::new(RefCell::new(shared));

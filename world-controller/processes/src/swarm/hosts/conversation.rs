@@ -52,6 +52,11 @@ impl Conversations {
         !self.unwanted.remove(&agent)
     }
 
+    /// Returns the number of agents.
+    pub fn count(&self) -> usize {
+        self.agents.len()
+    }
+
     /// Notes a frame of an agent for the controller. Returns false if the controller finds what it says in the journal.
     pub fn hear(&mut self, frame: &Frame) -> bool {
         let Ok(header) = frame.open() else { return true };

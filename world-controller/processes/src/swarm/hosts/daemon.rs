@@ -15,6 +15,7 @@ use super::node::Node;
 use super::notify;
 use super::parts::Written;
 use super::remains::{Ending, Remains};
+use crate::metrics::Metrics;
 use crate::swarm::launcher::{Event, Launcher};
 use crate::swarm::outcome::SwarmError;
 use crate::swarm::processes::{acquire_lease, attach};
@@ -34,6 +35,7 @@ use metamorph_protocol::host_link::State;
 use metamorph_protocol::ids::{HostId, Incarnation};
 use metamorph_protocol::wire::CONTROLLER;
 use metamorph_text::command_error::CommandError;
+use metamorph_text::escape::Shown;
 use rustix::process::{Signal, getppid};
 use std::ffi::OsString;
 use std::io;
@@ -80,6 +82,8 @@ pub struct DaemonOptions {
     /// Returns the command line of the agents of a family, without what an agent itself adds; `None` if there is no
     /// such family.
     pub agents: fn(&str) -> Option<CommandOfAgents>,
+    /// Takes note of runs, if metrics are served.
+    pub metrics: Option<Metrics>,
     /// Requests the end of the daemon.
     pub shutdown: Shutdown,
 }
@@ -198,8 +202,8 @@ fn serve(
     remains: &mut Vec<Remains>,
 ) -> Result<Ending, SwarmError> {
     // Logs of several hosts may come together.
-    let span = tracing::error_span!("host", name = %assignment.host);
-    let _entered = span.enter();
+    let run = swarm_file::run_of(&assignment.swarm).unwrap_or_default().shown();
+    let _named = tracing::error_span!("host", run, host = %assignment.host).entered();
     let mut prepared = prepare(options, assignment, gate);
     let said = match &prepared {
         Ok(share) => Answer::Ready(share.dir.root().to_owned(), options.most),
@@ -211,6 +215,8 @@ fn serve(
     }
     visitor.answer(said).map_err(SwarmError::Supervisor)?;
     let Ok(mut share) = prepared else { return Ok(Ending::Refused) };
+    let metrics = options.metrics.as_ref();
+    metrics.into_iter().for_each(|metrics| metrics.begin(&run, assignment.host, Some(share.dir.root())));
     match visitor {
         Visitor::Unix(stream) => {
             let attached = share.node.attach(HostId::CONTROLLER, Connection::Unix(stream));
@@ -226,6 +232,10 @@ fn serve(
     node.close();
     let account = AgentCounters { closed: false, ..node.account() };
     drop((node, transport));
+    if let Some(metrics) = metrics {
+        metrics.settle();
+        metrics.end(None);
+    }
     if ended.as_ref().is_ok_and(|ended| !ended.leaves_counts()) {
         drop(dir);
     } else {
@@ -370,6 +380,9 @@ impl Share<'_> {
             self.follow_clock()?;
             let heard = self.take_events()? + self.drain()?;
             self.node.turn(&mut self.transport);
+            if let Some(metrics) = &self.options.metrics {
+                metrics.note_links(|| (self.node.peers(), self.conversations.count() as u64));
+            }
             while let Some((host, state)) = self.node.next_change() {
                 tracing::info!("the link to {host} is {state:?}");
                 if (host, state) == (HostId::CONTROLLER, State::Closed) {

@@ -5,6 +5,7 @@ use super::carrier::{Carrier, CarrierEvent, INCOMING};
 use super::connection::Connection;
 use super::messages::{self, Assignment};
 use super::residents::Residents;
+use crate::metrics;
 use metamorph_module_agent::clock::monotonic;
 use metamorph_module_agent::clock::source::{ClockSource, FileClock};
 use metamorph_module_agent::run_dir::counter_file::AgentCounters;
@@ -184,6 +185,13 @@ impl<L: Link> Node<L> {
     /// Returns the scenario time up to which time passes here at least.
     pub fn promised(&self) -> Time {
         self.clock.read_page().map_or(Time::ZERO, |page| page.at(page.until()))
+    }
+
+    /// Returns the states of all links and clocks, for metrics.
+    pub fn peers(&self) -> BTreeMap<HostId, metrics::Peer> {
+        let now = Time(monotonic());
+        let peer = |peer: &Peer| metrics::Peer { state: peer.link.state(), clock: peer.link.clock(now) };
+        self.peers.iter().map(|(host, one)| (*host, peer(one))).collect()
     }
 
     /// Returns true if the link to another host is up.

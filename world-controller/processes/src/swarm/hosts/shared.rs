@@ -6,6 +6,7 @@ use super::messages::{ToController, ToDaemon};
 use super::node::Node;
 use super::parts::{Collected, Stretch};
 use super::returning::Returning;
+use crate::metrics::Metrics;
 use crate::swarm::launcher::Event;
 use crate::swarm::run_dir::RunDir;
 use metamorph_console::stopwatch::Stopwatch;
@@ -71,6 +72,7 @@ pub struct Shared {
     pub collected: Option<Collected>,
     /// The clock page that was sent last.
     pub told: Option<Page>,
+    pub metrics: Option<Metrics>,
 }
 
 impl Shared {
@@ -94,6 +96,9 @@ impl Shared {
             tracing::warn!("{e}");
         }
         self.node.turn(transport);
+        if let Some(metrics) = &self.metrics {
+            metrics.note_links(|| (self.node.peers(), self.away.len() as u64));
+        }
         self.node.residents.flush();
         while let Some((host, state)) = self.node.next_change() {
             match state {
