@@ -45,6 +45,7 @@ mod metrics;
 mod model_checking;
 mod negative_controls;
 mod operator;
+mod pack;
 mod page_files;
 mod planned;
 mod planning;

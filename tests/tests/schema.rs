@@ -127,6 +127,9 @@ until = "3s"
 timeout = "1000s"
 stall = "300s"
 livelock = "900s"
+[[file]]
+name = "a.toml"
+text = "version = 1"
 "#;
 
 /// Every table of free modules.
@@ -298,6 +301,7 @@ fn tables() -> Vec<(&'static str, &'static str, &'static str, Vec<&'static str>)
         (CUBES, "controller.", "controller", vec![]),
         (CUBES, "process.", "process", vec![]),
         (CUBES, "stop.", "stop", vec![]),
+        (CUBES, "file.0.", "packed-file", vec![]),
         (CUBES, "swarm.", "cubeSwarm", vec![]),
         (CUBES, "goal.0.", "cubeGoal", vec![]),
         (CUBES, "protocol.", "cubeProtocol", vec![]),

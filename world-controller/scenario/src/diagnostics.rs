@@ -3,6 +3,7 @@
 
 use super::error::{MAX_FILES, ScenarioError};
 use super::family::{Families, SectionKind};
+use super::packed_files::{PackedFiles, PackedSources};
 use super::shipped::resolve;
 use metamorph_text::escape::{Shown, is_control, line};
 use std::collections::BTreeMap;
@@ -73,6 +74,8 @@ struct Source {
     families: Families,
     /// Notes about the other files that it names, which can be used all the same.
     notes: Vec<String>,
+    /// The files that it has itself.
+    packed: PackedFiles,
 }
 
 /// All problems of one scenario; never empty when returned as an error.
@@ -82,8 +85,8 @@ pub struct Diagnostics {
     /// The options that set values, by the offset past the end of the text that stands for the option's
     /// place.
     options: BTreeMap<usize, String>,
-    /// Other files that the scenario has named so far.
-    files: Vec<PathBuf>,
+    /// Other files that the scenario has named so far, with their paths.
+    files: Vec<(String, PathBuf)>,
     /// The family of the scenario, once that is known.
     family: &'static str,
     list: Vec<Problem>,
@@ -98,6 +101,7 @@ impl Diagnostics {
                 text: text.into(),
                 families,
                 notes: Vec::new(),
+                packed: PackedFiles::default(),
             }),
             options: BTreeMap::new(),
             files: Vec::new(),
@@ -110,17 +114,26 @@ impl Diagnostics {
         self.options.insert(start, option.clone());
         Place::Option(option)
     }
-    /// Resolves the path of a file that the scenario names, relative to the scenario.
+    /// Sets the files that the scenario has itself; before any is named.
+    pub fn set_packed(&mut self, packed: PackedFiles) {
+        self.source.packed = packed;
+    }
+    /// Returns the source of files that the scenario names.
+    pub fn sources(&self) -> PackedSources<'_> {
+        PackedSources { packed: &self.source.packed, others: self.source.families.sources }
+    }
+    /// Resolves the path of a file that the scenario names: one that it has itself, or relative to the scenario.
     pub fn file(&mut self, name: &str) -> Result<PathBuf, ScenarioError> {
         if self.files.len() >= MAX_FILES {
             return Err(ScenarioError::TooManyFiles);
         }
-        let path = resolve(&self.source.origin, name);
-        self.files.push(path.clone());
+        let packed = self.source.packed.path_of(name);
+        let path = packed.unwrap_or_else(|| resolve(&self.source.origin, name));
+        self.files.push((name.to_owned(), path.clone()));
         Ok(path)
     }
-    /// Returns the files named so far.
-    pub fn files(&self) -> &[PathBuf] {
+    /// Returns the files named so far, with their paths.
+    pub fn files(&self) -> &[(String, PathBuf)] {
         &self.files
     }
     /// Notes what is worth knowing about a file although it can be used.

@@ -271,6 +271,12 @@ pub enum ScenarioError {
     /// A setting for an invalid key.
     #[error(transparent)]
     Key(#[from] KeyError),
+    /// Two files of one name in the scenario.
+    #[error("there are two [[file]] with the name `{}`", .0.shown())]
+    FileTwice(String),
+    /// The content of a file in the scenario is not Base64.
+    #[error("this is not Base64")]
+    NotBase64,
     /// An option of the wrong form.
     #[error("`{0}` is not of the form {1}")]
     Form(String, &'static str),
@@ -366,6 +372,8 @@ impl ScenarioError {
             }
             ScenarioError::Hosts(problem) => problem.fix(),
             ScenarioError::Key(error) => error.fix(),
+            ScenarioError::FileTwice(_) => "remove one of the two".into(),
+            ScenarioError::NotBase64 => "write what `base64 FILE` prints, or text as `text`".into(),
             ScenarioError::Form(_, form) => format!("write for example `{}`", option_example(form)),
         }
     }

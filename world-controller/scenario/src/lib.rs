@@ -2,7 +2,8 @@
 //!
 //! `settings` puts values of the command line into the document; `table` and `shapes` read values with their
 //! places, `raw` and `faults` a whole document and the other options; `plan` checks what depends on several
-//! values; `family` is the interface of families for both; `schema` describes the format to programs; `error`
+//! values; `family` is the interface of families for both; `schema` describes the format to programs;
+//! `packed_files` are files in the text itself, and `pack` puts them there; `error`
 //! and `diagnostics` say what is wrong, where, and how to fix it; `shipped` has the scenarios that are in the program, and `template` writes new ones. All problems are collected and shown at once.
 //!
 //! Reading is slow and done once; [`Plan::with_seed`] is fast and returns the same plan with other random
@@ -11,6 +12,7 @@
 //! *Invariants.* No text makes the reader panic or exceed the memory and time that the limits in `error`
 //! allow. Absent: running anything.
 
+mod base64;
 pub mod bounds;
 pub mod commands;
 mod controller_link;
@@ -23,11 +25,13 @@ pub mod faults;
 pub mod grid;
 pub mod hosts;
 mod hosts_summary;
-mod json;
+pub mod json;
 mod link_between;
 mod link_burst;
 pub mod operator;
 mod outages;
+pub mod pack;
+pub mod packed_files;
 mod placement;
 pub mod plan;
 pub mod plan_summary;
@@ -157,8 +161,10 @@ pub struct Plan {
     pub description: Option<String>,
     /// The scenario file, as named by the user.
     pub origin: String,
-    /// Other files that shapes are read from.
+    /// Other files that the scenario names, such as those of shapes.
     pub files: Vec<PathBuf>,
+    /// Their names as the scenario writes them, in the same order.
+    pub names: Vec<String>,
     /// Notes about these files: faults that were read over, and content that was left out.
     pub notes: Vec<String>,
     /// The text of the scenario.
@@ -336,8 +342,9 @@ pub fn read_text(
     let raw = raw::Raw::read(document.get_ref(), overrides, elsewhere, &mut diagnostics);
     match plan::make(&raw, overrides, &mut diagnostics) {
         Some(plan) if diagnostics.is_empty() => {
-            let (files, notes) = (diagnostics.files().to_vec(), diagnostics.notes().to_vec());
-            Ok(Plan { origin: origin.to_owned(), files, notes, text: Arc::from(text), ..plan })
+            let (names, files) = diagnostics.files().iter().cloned().unzip();
+            let notes = diagnostics.notes().to_vec();
+            Ok(Plan { origin: origin.to_owned(), files, names, notes, text: Arc::from(text), ..plan })
         }
         _ => Err(diagnostics.sorted()),
     }

@@ -85,6 +85,7 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
         description: raw.description.clone(),
         origin: String::new(),
         files: Vec::new(),
+        names: Vec::new(),
         notes: Vec::new(),
         text: Arc::from(""),
         overrides: overrides.clone(),

@@ -1,15 +1,17 @@
 //! A scenario as written: typed values with their places, before checks that need more than one of them.
 
+use super::base64;
 use super::commands::{self, RawCommands};
 use super::controller_link::RawController;
 use super::diagnostics::{At, Diagnostics, Place};
-use super::error::{LONGEST, MAX_GOALS, ScenarioError, VERSION};
+use super::error::{LONGEST, MAX_FILES, MAX_GOALS, ScenarioError, VERSION};
 use super::family::{RawSwarm, SectionKind, Sections};
 use super::faults::{self, RawFault, Verb};
 use super::hosts::RawHosts;
 use super::link_between::{self, RawBetween};
 use super::link_burst::{self, LinkDelay};
 use super::operator::RawOperator;
+use super::packed_files::PackedFiles;
 use super::rescue;
 use super::table::{Delay, Node, Section, delay, elements};
 use super::{LinkKind, Overrides};
@@ -147,6 +149,8 @@ pub struct Raw {
 
 /// Default seed of a run.
 pub const SEED: u64 = 1;
+/// An example of a file that is part of the scenario.
+const FILE: &str = "[[file]]\n    name = \"shape.stl\"\n    text = '''...'''";
 const SWARM: &str = "[swarm]\n    start = { box = { min = [0, 0, 0], max = [5, 5, 0] } }";
 
 impl Raw {
@@ -175,6 +179,11 @@ impl Raw {
                 diagnostics.add(place, scenario_error);
             }
             _ => {}
+        }
+        // Before the sections that name files.
+        if let Some(node) = top.node("file") {
+            let packed = packed_files(node, diagnostics);
+            diagnostics.set_packed(packed);
         }
         let mut raw = Raw::empty(overrides);
         raw.name = top.get("name", diagnostics).map(|n| n.value);
@@ -322,6 +331,45 @@ impl Raw {
             }
         }
     }
+}
+
+/// Reads the files that the scenario has itself, at most the allowed number.
+fn packed_files(node: &Node<'_>, diagnostics: &mut Diagnostics) -> PackedFiles {
+    let mut files = PackedFiles::default();
+    for node in elements(node, FILE, diagnostics).into_iter().flat_map(|all| all.iter()) {
+        if files.count() >= MAX_FILES {
+            diagnostics.add(node.span(), ScenarioError::TooManyFiles);
+            break;
+        }
+        let Some((name, content)) = packed_file(node, diagnostics) else { continue };
+        if !files.add(name.clone(), content) {
+            diagnostics.add(node.span(), ScenarioError::FileTwice(name));
+        }
+    }
+    files
+}
+
+fn packed_file(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<(String, Vec<u8>)> {
+    let mut section = Section::of(node, "[[file]]", FILE, diagnostics)?;
+    let name = section.need::<String>("name", "name = \"shape.stl\"", diagnostics);
+    let text = section.get::<String>("text", diagnostics);
+    let encoded = section.get::<String>("base64", diagnostics);
+    let place = section.place().clone();
+    section.finish(diagnostics);
+    let content = match (text, encoded) {
+        (Some(text), None) => text.value.into_bytes(),
+        (None, Some(encoded)) => {
+            let decoded = base64::decode(&encoded.value).ok_or(ScenarioError::NotBase64);
+            diagnostics.note(&encoded.place, decoded)?
+        }
+        (text, _) => {
+            let found = if text.is_some() { "both" } else { "neither" };
+            let expected = "one of `text` and `base64`";
+            diagnostics.add(place, ScenarioError::Kind { expected, found, example: FILE });
+            return None;
+        }
+    };
+    Some((name?.value, content))
 }
 
 /// Returns the `[[goal]]` tables, at most the allowed number.

@@ -12,7 +12,7 @@ use super::controller_link;
 use super::definitions::{
     Definitions, any, names, natural, of, one_of, one_of_its_keys, or, said, seldom, table, text,
 };
-use super::error::{MAX_GOALS, VERSION};
+use super::error::{MAX_FILES, MAX_GOALS, VERSION};
 use super::family::{Families, FamilySchema, ScenarioFamily, fault_keys};
 use super::faults;
 use super::hosts;
@@ -78,6 +78,11 @@ pub fn schema(families: Families) -> Value {
             "operator": said("A scripted operator, or how much modules decide for themselves; if left out, no operator.", of("operator")),
             "controller": said("What the controller does besides measuring.", or(json!({}), of("controller"))),
             "stop": said("When a run ends that has not built its goals.", or(json!({}), of("stop"))),
+            "file": said(
+                "The files that the scenario names, as part of it; those that are left out are read from their paths. \
+                 `metamorph sweep --pack` writes them.",
+                or(json!([]), json!({ "type": "array", "maxItems": MAX_FILES, "items": of("packed-file") })),
+            ),
         },
         "$defs": definitions(families),
     });
@@ -150,6 +155,18 @@ fn values() -> Definitions {
 /// Returns the definitions shared by all families.
 fn shared() -> Definitions {
     vec![
+        (
+            "packed-file",
+            table(
+                "A file that is part of the scenario.",
+                &["name"],
+                json!({
+                    "name": said("Its name, as the scenario writes it where it names the file.", text()),
+                    "text": said("Its content; left out if it is not text.", text()),
+                    "base64": said("Its content in Base64; left out if it is text.", text()),
+                }),
+            ),
+        ),
         (
             "link",
             table(

@@ -147,7 +147,7 @@ fn file(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Vec<Cell>> {
     let name = path;
     let path = diagnostics.file(&name);
     let path = diagnostics.note(&place, path)?;
-    let imported = diagnostics.note(&place, import(diagnostics.families().sources, &path, &how))?;
+    let imported = diagnostics.note(&place, import(&diagnostics.sources(), &path, &how))?;
     for note in imported.notes {
         diagnostics.remark(format!("{name}: {note}"));
     }

@@ -306,7 +306,7 @@ fn read_structure(text: At<String>, diagnostics: &mut Diagnostics) -> Option<Nam
     } else {
         text.clone()
     };
-    let found = structured(diagnostics.families().sources, "the structure", &path).map_err(|error| {
+    let found = structured(&diagnostics.sources(), "the structure", &path).map_err(|error| {
         let (reason, fix) = error.reason_and_fix();
         FreeModuleError::Structure { reason, fix }
     });

@@ -5,6 +5,7 @@ use metamorph_scenario::diagnostics::{At, Diagnostics};
 use metamorph_scenario::error::ScenarioError;
 use metamorph_scenario::table::{Node, Read, Section, elements};
 use metamorph_sim_bridge::world::contact_graph::{ContactGraph, GraphError, MODULES_MAX};
+use metamorph_text::sources::Sources;
 use serde_json::{Value, json};
 use std::fmt;
 use std::sync::Arc;
@@ -188,7 +189,7 @@ fn file(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<Contacts> {
     let place = node.span().into();
     let path = diagnostics.file(&name);
     let path = diagnostics.note(&place, path)?;
-    let bytes = diagnostics.families().sources.read(&path, FILE_MAX);
+    let bytes = diagnostics.sources().read(&path, FILE_MAX);
     let pairs = bytes
         .map_err(|error| problem(format!("{name}: {error}"), "name a file that can be read"))
         .and_then(|bytes| {

@@ -190,7 +190,7 @@ impl RawWalk {
         let resolved = diagnostics.file(text);
         let resolved = diagnostics.note(place, resolved)?;
         let found = (|| {
-            let document = file::read(diagnostics.families().sources, &text.shown(), &resolved)
+            let document = file::read(&diagnostics.sources(), &text.shown(), &resolved)
                 .map_err(|e| WalkError::file(&e))?;
             let hash = metamorph_text::format::digits(structure.fingerprint());
             let gait = file::best(&text.shown(), &document, &hash, structure.bound())
@@ -268,8 +268,8 @@ fn read_structure(start: &At<String>, diagnostics: &mut Diagnostics) -> Option<C
     let path = diagnostics.file(text);
     let path = diagnostics.note(place, path)?;
     let name = text.shown();
-    let found = read_structure_file(diagnostics.families().sources, &name, &path)
-        .and_then(|file| connected(&name, &file));
+    let found =
+        read_structure_file(&diagnostics.sources(), &name, &path).and_then(|file| connected(&name, &file));
     diagnostics.note(place, found.map_err(|error| WalkError::file(&error)))
 }
 
