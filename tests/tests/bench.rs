@@ -28,6 +28,10 @@ fn simulated_runs_have_the_exact_figures() {
     for row in rows {
         assert_eq!((row["outcome"].as_str(), row["violations"].as_u64()), (Some("built"), Some(0)));
         assert!(row["moves"].as_u64() >= row["least_moves"].as_u64(), "{row}");
+        let (walking, denials) = (&row["walking"], &row["walking"]["denials"]);
+        assert!(walking["moving"].as_f64().unwrap() > 0.0 && denials["occupied"].is_u64(), "{row}");
+        // Every move was asked for.
+        assert!(walking["attempts_per_move"].as_f64().unwrap() >= 1.0, "{row}");
     }
     // The lower bound of the moves: the costs of the best assignments.
     let least: Vec<u64> = rows.iter().filter_map(|row| row["least_moves"].as_u64()).collect();

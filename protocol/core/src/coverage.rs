@@ -1,9 +1,9 @@
 //! Coverage points: rare paths of the protocols and drivers note that they have run, so that an exploration
 //! can list the paths that were never taken.
 //!
-//! The points that have run are kept as bits of a thread-local set; setting one costs about as much as an
-//! addition. *Invariant.* No protocol and no driver reads the set, so it cannot influence a run. Without the feature
-//! `std` there are no threads to keep a set for: [`hit`] does nothing, and nothing reads it.
+//! How often each point has run is counted for each thread; a count costs about as much as an addition, and measurements
+//! read it. *Invariant.* No protocol and no driver reads the counts, so they cannot influence a run. Without the feature
+//! `std` there are no threads to count for: [`hit`] does nothing, and nothing reads it.
 
 #[cfg(feature = "std")]
 use core::cell::Cell;
@@ -27,6 +27,7 @@ macro_rules! marks {
 }
 
 marks! {
+    CubeAsked => "cube: a module began to ask for a move",
     CubeLockExpired => "cube: a lock ran out",
     CubeRequestRepeated => "cube: a request that came twice was granted again",
     CubeDeniedNoSupport => "cube: refused, nothing to stand on",
@@ -151,28 +152,38 @@ impl CoveragePoints {
 
 #[cfg(feature = "std")]
 std::thread_local! {
-    static SET: Cell<u128> = const { Cell::new(0) };
+    static COUNTS: [Cell<u64>; CoveragePoint::ALL.len()] =
+        const { [const { Cell::new(0) }; CoveragePoint::ALL.len()] };
 }
 
 /// Notes that this path has run.
 #[inline]
 pub fn hit(mark: CoveragePoint) {
     #[cfg(feature = "std")]
-    SET.with(|set| set.set(set.get() | 1 << mark as u32));
+    COUNTS.with(|counts| counts[mark as usize].set(counts[mark as usize].get() + 1));
     #[cfg(not(feature = "std"))]
     let _ = mark;
 }
 
-/// Adds points that were set in another thread to the set of this thread.
+/// Adds points that have run in another thread to those of this thread.
 #[cfg(feature = "std")]
 pub fn add(marks: CoveragePoints) {
-    SET.with(|set| set.set(set.get() | marks.0));
+    CoveragePoint::ALL.iter().filter(|mark| marks.has(**mark)).for_each(|mark| hit(*mark));
 }
 
-/// Returns the points set in this thread since the last call, and clears them. For drivers, not for agents.
+/// Returns how often a point has run in this thread since the last [`take`]. For measurements, not for agents.
+#[cfg(feature = "std")]
+pub fn count(mark: CoveragePoint) -> u64 {
+    COUNTS.with(|counts| counts[mark as usize].get())
+}
+
+/// Returns the points that have run in this thread since the last call, and counts from zero again. For drivers, not for agents.
 #[cfg(feature = "std")]
 pub fn take() -> CoveragePoints {
-    SET.with(|set| CoveragePoints(set.take()))
+    COUNTS.with(|counts| {
+        let marks = counts.iter().enumerate().filter(|(_, count)| count.take() > 0);
+        CoveragePoints(marks.fold(0, |set, (i, _)| set | 1 << i))
+    })
 }
 
 #[cfg(feature = "std")]
@@ -185,6 +196,8 @@ mod tests {
         take();
         hit(CoveragePoint::CubeDetour);
         hit(CoveragePoint::DriverExpired);
+        hit(CoveragePoint::DriverExpired);
+        assert_eq!(count(CoveragePoint::DriverExpired), 2);
         assert!(std::thread::spawn(take).join().is_ok_and(|theirs| theirs == CoveragePoints::default()));
         let mine = take();
         let set: Vec<CoveragePoint> = CoveragePoint::ALL.iter().copied().filter(|m| mine.has(*m)).collect();

@@ -47,6 +47,7 @@ pub(super) struct Attempt {
 
 impl Cube {
     pub(super) fn begin_attempt(&mut self, now: Time, motion: Motion) {
+        hit(CoveragePoint::CubeAsked);
         let token = self.tokens.next();
         let deadline = self.latest_start(now, motion).min(self.turn(now, motion).until);
         self.attempt = Some(Attempt {

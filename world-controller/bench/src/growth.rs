@@ -4,19 +4,25 @@
 //! Self-Reconfiguration By Continuous Module Flow").
 //!
 //! Beside moves and time are lower bounds for every protocol (`matching`, `bottleneck`), computed exactly for each size.
-//! Exponents are fits over the measured sizes, also those of the lower bounds: they bound nothing.
+//! Exponents are fits over the measured sizes, also those of the lower bounds: they bound nothing. The bounds of a large size take
+//! as long as its run, so a run is told before they are computed.
 
 use super::bottleneck::least_move_times;
 use super::machine::CpuWatch;
 use super::matching::least_moves;
+use super::walking::{Walking, WalkingCounts};
 use super::{BenchError, Fit, fit};
-use metamorph_console::stopwatch::Stopwatch;
 use metamorph_console::terminal::Live;
 use metamorph_families::cube::Cubes;
-use metamorph_processes::family::{read_text, simulate};
+use metamorph_families::runnable::Runnable;
+use metamorph_families::simulated::simulation;
+use metamorph_processes::family::read_text;
+use metamorph_protocol::coverage;
 use metamorph_protocol::lattice::Cell;
 use metamorph_scenario::{LinkKind, Overrides, Plan};
-use metamorph_text::format::many;
+use metamorph_sim_bridge::director::outcome::Outcome;
+use metamorph_sim_bridge::director::progress::Progress;
+use metamorph_text::format::{digits, many};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -84,6 +90,8 @@ pub struct Row {
     /// to goal cells. A move takes one second.
     pub makespan_s: f64,
     pub least_makespan_s: u64,
+    /// How freely modules walk.
+    pub walking: Walking,
     /// Moves completed, and their lower bound: the cost of the best assignment of cubes to goal cells.
     pub moves: u64,
     pub least_moves: u64,
@@ -98,17 +106,22 @@ pub struct Row {
     pub trace_hash: String,
 }
 
-/// Measures all sizes of a shape with up to `most` modules.
-pub fn measure(shape: Shape, most: u64, live: &mut Live) -> Result<Growth, BenchError> {
+/// Measures all sizes of a shape with up to `most` modules, with one seed. `tell` is handed each run as soon as it has ended.
+pub fn measure(
+    shape: Shape,
+    (most, seed): (u64, u64),
+    live: &mut Live,
+    tell: &dyn Fn(&Run),
+) -> Result<Growth, BenchError> {
     let mut rows = Vec::new();
     for size in shape.sizes() {
-        let plan = read(&match shape {
-            Shape::Ball => ball(size.0, SMALLEST),
-            Shape::SolidPlate | Shape::PorousPlate => pyramid(shape, *size),
-        })?;
+        let plan = match shape {
+            Shape::Ball => read(&ball(size.0, SMALLEST), seed)?,
+            Shape::SolidPlate | Shape::PorousPlate => read(&pyramid(shape, *size), seed)?,
+        };
         if cubes(&plan)?.cells.len() as u64 <= most {
             let plan = if shape == Shape::Ball { largest_ball(size.0, plan)? } else { plan };
-            rows.push(row(&plan, live)?);
+            rows.push(row(&plan, live, tell)?);
         }
     }
     let grows =
@@ -126,7 +139,7 @@ pub fn measure(shape: Shape, most: u64, live: &mut Live) -> Result<Growth, Bench
 /// Returns a scenario with a start, a goal and its seed.
 fn scenario(start: &str, goal: &str, seed: [u16; 3]) -> String {
     format!(
-        "version = 1\nseed = 1\n\
+        "version = 1\n\
          [swarm]\nstart = {start}\nmove_time = \"1s\"\n\
          [[goal]]\nshape = {goal}\nseed = {seed:?}\ngrowth = \"scaffold\"\n\
          [link]\ndelay = \"50ms..200ms\"\n\
@@ -170,8 +183,8 @@ fn pyramid(shape: Shape, (layers, thick): (u16, u16)) -> String {
     scenario(&plate, &union(goal), [layers - 1, layers - 1, top])
 }
 
-fn read(text: &str) -> Result<Plan, BenchError> {
-    let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
+fn read(text: &str, seed: u64) -> Result<Plan, BenchError> {
+    let overrides = Overrides { link: LinkKind::Sim, seed: Some(seed), ..Overrides::default() };
     read_text("bench", text, &overrides).map_err(|diagnostics| BenchError::Wrong(diagnostics.to_string()))
 }
 
@@ -181,7 +194,7 @@ fn largest_ball(side: u16, mut best: Plan) -> Result<Plan, BenchError> {
     // A scaffold fills half of a ball, so the cube root of the modules exceeds any radius. Balls that are too
     // thin somewhere are skipped.
     for half_cells in (SMALLEST + 1..).take_while(|h| u64::from(*h).pow(3) <= 8 * modules) {
-        if let Ok(larger) = read(&ball(side, half_cells))
+        if let Ok(larger) = read(&ball(side, half_cells), best.seed)
             && goal_cells(&larger)?.len() as u64 * 4 <= modules * 3
         {
             best = larger;
@@ -207,41 +220,88 @@ fn extent<'a>(cells: impl Iterator<Item = &'a Cell>, axis: fn(&Cell) -> i16) -> 
     range.map_or(0, |(low, high)| u64::from(high.abs_diff(low)) + 1)
 }
 
-/// Measures one run.
-fn row(plan: &Plan, live: &mut Live) -> Result<Row, BenchError> {
-    let cells = &cubes(plan)?.cells;
-    let modules = cells.len() as u64;
-    let goal = goal_cells(plan)?;
+/// The result of one run, before its lower bounds are known.
+pub struct Run {
+    pub modules: u64,
+    pub outcome: String,
+    pub violations: u64,
+    pub makespan_s: f64,
+    pub walking: Walking,
+    pub moves: u64,
+    pub messages: u64,
+    pub by_class: BTreeMap<String, u64>,
+    pub cpu_s: f64,
+    pub trace_hash: String,
+}
+
+impl Run {
+    /// Returns the messages for each move.
+    pub fn messages_per_move(&self) -> f64 {
+        self.messages as f64 / self.moves.max(1) as f64
+    }
+}
+
+/// Carries out one run.
+fn run(plan: &Plan, live: &mut Live) -> Result<Run, BenchError> {
+    let modules = cubes(plan)?.cells.len() as u64;
+    coverage::take();
+    let (watch, mut sim, mut counts) =
+        (CpuWatch::start(), simulation::<Cubes>(plan), WalkingCounts::default());
+    let time_step = cubes(plan)?.time_step();
+    while !sim.run_until(sim.now() + time_step) {
+        counts.look_at(sim.agents().iter().map(|(_, cube)| cube));
+        live.show(|| {
+            let messages = Some(sim.tally().total().sent);
+            let so_far = Progress { messages, ..Cubes::progress(sim.director()) };
+            let so_far = metamorph_report::progress(plan, sim.now(), &so_far);
+            format!("growth of {}: {so_far}", many(modules, "module"))
+        });
+    }
+    live.clear();
+    let monitor = sim.director().monitor();
+    let outcome = monitor.outcome().map_or(Outcome::Aborted, |(_, outcome)| outcome);
+    let built = sim.director().stages().first().and_then(|stage| stage.built);
+    let moves = sim.world().motions().completed;
+    Ok(Run {
+        modules,
+        outcome: outcome.name().to_owned(),
+        violations: sim.violations().1,
+        makespan_s: built.unwrap_or(sim.now()).as_secs_f64(),
+        walking: counts.walking(moves),
+        moves,
+        messages: sim.tally().total().sent,
+        by_class: sim.tally().iter().map(|(class, c)| (class.name().to_owned(), c.sent)).collect(),
+        cpu_s: watch.elapsed().as_secs_f64(),
+        trace_hash: digits(sim.trace().value()),
+    })
+}
+
+/// Measures one run, tells of it, and computes its lower bounds.
+fn row(plan: &Plan, live: &mut Live, tell: &dyn Fn(&Run)) -> Result<Row, BenchError> {
+    let run = run(plan, live)?;
+    tell(&run);
+    let (cells, goal) = (&cubes(plan)?.cells, goal_cells(plan)?);
     let too_many = || BenchError::Wrong("the goal has too many cells".to_owned());
     let least_moves = least_moves(cells, &goal).ok_or_else(too_many)?;
     let least_makespan_s = least_move_times(cells, &goal).ok_or_else(too_many)?;
     let axes: [fn(&Cell) -> i16; 3] = [|c| c.x, |c| c.y, |c| c.z];
-    let watch = CpuWatch::start();
-    let (report, _) = simulate(plan, Stopwatch::start(), &mut |now, so_far| {
-        live.show(|| {
-            let so_far = metamorph_report::progress(plan, now, &so_far());
-            format!("growth of {}: {so_far}", many(modules, "module"))
-        });
-        true
-    });
-    live.clear();
-    let by_class = report.messages.by_class.iter().map(|(class, c)| (class.clone(), c.sent)).collect();
     Ok(Row {
-        modules,
+        modules: run.modules,
         goal: goal.len() as u64,
         layers: extent(goal.iter(), |c| c.z),
         box_sides: axes.map(|axis| extent(cells.iter().chain(&goal), axis)).iter().sum(),
-        outcome: report.outcome.clone(),
-        violations: report.invariants.broken,
-        makespan_s: report.stages.first().and_then(|s| s.built_s).unwrap_or(report.time.virtual_s),
+        messages_per_move: run.messages_per_move(),
+        outcome: run.outcome,
+        violations: run.violations,
+        makespan_s: run.makespan_s,
         least_makespan_s,
-        moves: report.moves,
+        walking: run.walking,
+        moves: run.moves,
         least_moves,
-        times_least: report.moves as f64 / least_moves.max(1) as f64,
-        messages: report.messages.all.sent,
-        by_class,
-        messages_per_move: report.messages.all.sent as f64 / report.moves.max(1) as f64,
-        cpu_s: watch.elapsed().as_secs_f64(),
-        trace_hash: report.trace_hash.clone().unwrap_or_default(),
+        times_least: run.moves as f64 / least_moves.max(1) as f64,
+        messages: run.messages,
+        by_class: run.by_class,
+        cpu_s: run.cpu_s,
+        trace_hash: run.trace_hash,
     })
 }

@@ -19,6 +19,7 @@ mod matching;
 mod part;
 mod swarm;
 mod text;
+mod walking;
 mod wire;
 
 pub use part::{SUBCOMMAND, part};
@@ -74,6 +75,8 @@ pub struct Request {
     pub names: Vec<Name>,
     /// The largest number of modules or processes measured; no limit if `None`.
     pub most: Option<u64>,
+    /// The seed of the runs of growth and pyramids.
+    pub seed: u64,
     /// The destination of the results.
     pub json: PathBuf,
     /// True to print errors only.
@@ -191,14 +194,15 @@ pub fn bench(request: &Request) -> Result<u8, BenchError> {
         results.flood = flood::measure(most, &mut live)?;
         channel.say(&text::flood(&results.flood, paint));
     }
+    let tell = |run: &growth::Run| channel.say(&text::grown(run));
     if wanted(Name::Growth) {
-        let growth = growth::measure(Shape::Ball, most, &mut live)?;
+        let growth = growth::measure(Shape::Ball, (most, request.seed), &mut live, &tell)?;
         channel.say(&text::growth(&growth, paint));
         results.growth = Some(growth);
     }
     if wanted(Name::Pyramid) {
         for plate in [Shape::SolidPlate, Shape::PorousPlate] {
-            let pyramid = growth::measure(plate, most, &mut live)?;
+            let pyramid = growth::measure(plate, (most, request.seed), &mut live, &tell)?;
             channel.say(&text::growth(&pyramid, paint));
             results.pyramid.push(pyramid);
         }

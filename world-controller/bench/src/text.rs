@@ -6,12 +6,12 @@ use super::chairs;
 use super::churn::Churn;
 use super::flood;
 use super::gait;
-use super::growth::{Growth, Row, Shape};
+use super::growth::{Growth, Row, Run, Shape};
 use super::machine::Machine;
 use super::swarm::Swarms;
 use super::wire;
 use metamorph_text::format::number;
-use metamorph_text::format::{bytes, count, many};
+use metamorph_text::format::{bytes, count, many, percent};
 use metamorph_text::paint::Paint;
 use metamorph_text::table::Table;
 
@@ -58,6 +58,31 @@ pub fn flood(rows: &[flood::Row], paint: Paint) -> String {
     )
 }
 
+/// Formats one run of a growth in a line.
+pub fn grown(run: &Run) -> String {
+    let walking = &run.walking;
+    let of_all = |reason| percent(walking.denied_for(reason));
+    format!(
+        "{}: {} in {} s, {} violations; {} moves, {} messages and {} attempts a move; {} of the walkers move; denied: {} \
+         occupied, {} reserved",
+        many(run.modules, "module"),
+        run.outcome,
+        number(run.makespan_s),
+        run.violations,
+        count(run.moves),
+        number(run.messages_per_move()),
+        hundredths(walking.attempts_per_move),
+        percent(walking.moving),
+        of_all("occupied"),
+        of_all("reserved")
+    )
+}
+
+/// Formats a small number with two decimals.
+fn hundredths(n: f64) -> String {
+    format!("{n:.2}")
+}
+
 /// Formats the growth of one shape.
 pub fn growth(g: &Growth, paint: Paint) -> String {
     let mut table = Table::new(&["modules"]);
@@ -73,7 +98,11 @@ pub fn growth(g: &Growth, paint: Paint) -> String {
         "at least",
     ]);
     table.head(&["times", "messages", "a module", "a move", "cpu s"]);
+    table.head(&["moving", "attempts", "occupied", "reserved", "other"]);
     for r in &g.rows {
+        let denied = |reason| r.walking.denials.get(reason).copied().unwrap_or(0);
+        let (occupied, reserved) = (denied("occupied"), denied("reserved"));
+        let other = r.walking.denials.values().sum::<u64>() - occupied - reserved;
         table.row(
             &[count(r.modules)],
             vec![
@@ -91,6 +120,11 @@ pub fn growth(g: &Growth, paint: Paint) -> String {
                 number(r.messages as f64 / r.modules as f64),
                 number(r.messages_per_move),
                 number(r.cpu_s),
+                percent(r.walking.moving),
+                hundredths(r.walking.attempts_per_move),
+                count(occupied),
+                count(reserved),
+                count(other),
             ],
         );
     }
@@ -117,7 +151,7 @@ pub fn growth(g: &Growth, paint: Paint) -> String {
         None => String::new(),
     };
     format!(
-        "{}\n{about}; simulated, all invariants checked; a move takes 1 s. `at least` are lower bounds for\nevery protocol: the best assignments of cubes to goal cells, each by its shortest path. `box`: the sum of the sides of\nthe box around start and goal.\n{}  fits over these sizes, which bound nothing (in the end: between the two largest)\n{}{}{}{}",
+        "{}\n{about}; simulated, all invariants checked; a move takes 1 s. `at least` are lower bounds for\nevery protocol: the best assignments of cubes to goal cells, each by its shortest path. `box`: the sum of the sides of\nthe box around start and goal. `moving`: the share of the walkers that move; `attempts` for each move; `occupied`, `reserved`\nand `other`: requests denied for that reason.\n{}  fits over these sizes, which bound nothing (in the end: between the two largest)\n{}{}{}{}",
         paint.strong(name),
         table.text(paint),
         grows("seconds grow", g.makespan, |r| r.makespan_s),

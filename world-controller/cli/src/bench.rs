@@ -15,7 +15,8 @@ Examples:
 
 What each measures:
   flood   a million simulated modules propagate hop counts from a corner: processor time and memory
-  growth  a slab of 100 to 10,000 simulated modules becomes a ball: time, moves, messages, and how they grow
+  growth  a slab of 100 to 10,000 simulated modules becomes a ball: time, moves, messages,
+          how freely modules walk, and how these grow
   pyramid a pyramid is built from a plate below it, solid and with tunnels: the same numbers
   chairs  the thesis's chair with every strategy, on all processors: runs per second
   gait    structures of 4 to 10 modules walk: how fast they are simulated, messages, learners
@@ -40,6 +41,9 @@ pub struct BenchArgs {
     /// Skip swarms of more than N modules; default: no limit
     #[arg(long, value_name = "N")]
     pub most: Option<u64>,
+    /// Run `growth` and `pyramid` with this seed
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
     /// Write the numbers to this file
     #[arg(long, value_name = "FILE", default_value = "bench.json")]
     pub json: PathBuf,
@@ -50,7 +54,7 @@ pub struct BenchArgs {
 
 impl From<BenchArgs> for Request {
     fn from(args: BenchArgs) -> Request {
-        Request { names: args.names, most: args.most, json: args.json, quiet: args.quiet }
+        Request { names: args.names, most: args.most, seed: args.seed, json: args.json, quiet: args.quiet }
     }
 }
 
