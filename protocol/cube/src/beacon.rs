@@ -230,6 +230,7 @@ impl Cube {
             claim: Claim::None,
             ack: None,
             corners: 0,
+            taken: 0,
             subtree: 0,
             field: [Entry::NONE; 4],
         }
@@ -245,10 +246,25 @@ impl Cube {
             claim: self.forest.claim(v, face),
             ack: self.forest.child(face),
             corners: self.planner.corners_seen(face),
+            taken: self.taken_over_edges(face),
             subtree: if activated_here { self.subtree(now) } else { 0 },
             field: self.attraction.advertised(v, face),
             ..*common
         }
+    }
+
+    /// Returns the directions in which the cell over this module's edge is taken for now, for a walker on a face: by another walker, or
+    /// by a reservation. The walker cannot see that cell, and would be denied it. A neighbour that has not been heard is told as well,
+    /// since a walker chooses its next motion when it hears the first beacon at a new place. A walker that cannot move on is left out:
+    /// nothing would be gained by waiting for it.
+    fn taken_over_edges(&self, face: Face) -> u8 {
+        let walker = match self.sides.peer(face) {
+            Some(b) if b.role == Role::Walker => Some(b.id),
+            Some(_) => return 0,
+            None => None,
+        };
+        let standing = self.sides.touching_mask() & self.sides.open_mask();
+        (standing | self.locks.reserved_for_others(walker)) & super::attraction::beside(face)
     }
 
     /// Returns true if this is a walker without any neighbour to walk over: its supports have died.
@@ -307,7 +323,7 @@ fn class_of_news(before: &Beacon, after: &Beacon) -> Class {
         Class::Connectivity
     } else if seed(before) != seed(after) {
         Class::Seed
-    } else if before.corners != after.corners {
+    } else if (before.corners, before.taken) != (after.corners, after.taken) {
         Class::Negotiation
     } else {
         Class::Gradient

@@ -51,6 +51,8 @@ mod view;
 
 #[cfg(all(test, debug_assertions))]
 mod comparison_tests;
+#[cfg(test)]
+mod edge_tests;
 
 pub use attraction::Successor;
 
@@ -421,6 +423,10 @@ impl Cube {
                 return hit(CoveragePoint::CubeBeaconLate);
             }
             let is_known = before.repeating(&beacon) == beacon;
+            if before.taken & !beacon.taken != 0 && !self.own.immobile {
+                // It may have been denied the cell that is free now.
+                self.planner.end_back_off(now);
+            }
             if self.sides.missed() & face.bit() != 0 {
                 let v = View { now, own: &self.own, sides: &self.sides };
                 self.attraction.wait_for_news(v);
@@ -548,6 +554,7 @@ impl Cube {
     fn step(&mut self, now: Time) {
         if self.locks.expire(now) {
             hit(CoveragePoint::CubeLockExpired);
+            self.beacons.invalidate();
             self.decide_soon(now);
         }
         if self.moving.is_none()

@@ -64,6 +64,15 @@ impl LockTable {
     pub fn reserved_for_other(&self, face: Face, origin: ModuleId) -> Option<ModuleId> {
         self.locks.iter().find(|l| l.reserved == Some(face) && l.id.origin != origin).map(|l| l.id.origin)
     }
+    /// Returns the faces outside which the cell is reserved for another module than this one.
+    pub fn reserved_for_others(&self, than: Option<ModuleId>) -> u8 {
+        let others = self.locks.iter().filter(|l| Some(l.id.origin) != than);
+        Face::mask(others.filter_map(|l| l.reserved))
+    }
+    /// Returns the number of reservations.
+    pub fn reservation_count(&self) -> usize {
+        self.locks.iter().filter(|l| l.reserved.is_some()).count()
+    }
     /// Returns a module that holds a lock on this one whose lease has not ended.
     pub fn holder(&self, now: Time) -> Option<ModuleId> {
         self.locks.iter().find(|l| l.expires > now).map(|l| l.id.origin)

@@ -160,6 +160,9 @@ pub struct Beacon {
     pub ack: Option<Token>,
     /// Directions in which the sender, a walker, found the corner over the edge of the receiver blocked.
     pub corners: u8,
+    /// Directions in which the cell over the sender's edge is taken for now, by a walker or for another module than the receiver.
+    /// Told to walkers, which cannot see that cell, and to neighbours that have not been heard.
+    pub taken: u8,
     /// The number of finalized modules in the sender's subtree, itself included, if the receiver made the sender
     /// finalized; zero otherwise.
     pub subtree: u32,
@@ -199,6 +202,7 @@ impl Beacon {
             claim: Claim::None,
             ack: None,
             corners: 0,
+            taken: 0,
             subtree: 0,
             field: [Entry::NONE; 4],
         }
@@ -434,6 +438,7 @@ impl Field for Beacon {
         out.bool(b.ack.is_some());
         out.u32(b.ack.map_or(0, |t| t.0));
         out.u8(b.corners);
+        out.u8(b.taken);
         out.u32(b.subtree);
         for e in b.field {
             out.u16(e.distance);
@@ -460,7 +465,7 @@ impl Field for Beacon {
         if !acked && token != Token(0) {
             return Err(WireError::Field("ack"));
         }
-        let (corners, subtree) = (face_mask(from.u8()?)?, from.u32()?);
+        let (corners, taken, subtree) = (face_mask(from.u8()?)?, face_mask(from.u8()?)?, from.u32()?);
         let mut field = [Entry::NONE; 4];
         for e in &mut field {
             *e = Entry { distance: from.u16()?, source: from.u32()?, version: from.u16()? };
@@ -488,6 +493,7 @@ impl Field for Beacon {
             claim,
             ack: acked.then_some(token),
             corners,
+            taken,
             subtree,
             field,
         })
@@ -514,7 +520,7 @@ messages!(Message {
         // Fixed layouts; a test compares them with what `encode` writes.
         metamorph_core::wire::HEADER
             + match self {
-                Message::Beacon(_) => 84,
+                Message::Beacon(_) => 85,
                 Message::Request { .. } => 30,
                 Message::Response { .. } => 27,
                 Message::Release { .. } => 8,

@@ -25,8 +25,10 @@ use metamorph_core::time::Time;
 const OUTERMOST_FIRST: u16 = 6;
 /// The same number with connecting cycles.
 const OUTERMOST_FIRST_IN_CYCLES: u16 = 200;
-/// Number of deferrals up to which a module accepts no detour; after that, it accepts a detour of one move.
+/// Number of deferrals up to which a module in reserve accepts no detour; after that, it accepts a detour of one move.
 const DETOUR: u16 = 12;
+/// The same number of a walker, which stands in the way of others while it waits.
+const WALKER_DETOUR: u16 = 3;
 /// Number of deferrals after which a module sometimes accepts a detour of two moves.
 const WIDE_DETOUR: u16 = 40;
 
@@ -50,7 +52,9 @@ struct Candidate {
     /// True if the support is not finalized; a finalized one is steadier.
     over_loose: bool,
     motion: Motion,
-    /// The walker on the heading side, which must move on before this motion is possible.
+    /// True if another module must move on before this motion is possible.
+    is_taken: bool,
+    /// That module, if this one touches it.
     behind: Option<ModuleId>,
 }
 
@@ -71,6 +75,15 @@ pub(super) struct Candidates {
     blind: Vec<Motion>,
     /// For each support, headings whose corner is blocked.
     corners: [u8; 6],
+}
+
+/// Which motions a module looks at.
+#[derive(Clone, Copy, Debug)]
+struct Outlook {
+    /// Those that lead to no known target as well.
+    all: bool,
+    /// Not those whose cell is said to be taken ([`Beacon::taken`]).
+    trusts: bool,
 }
 
 /// When and where a module wants to move.
@@ -192,6 +205,11 @@ impl MotionPlanner {
         self.decide_at = now + p.advertise;
     }
 
+    /// Returns true if a module waits for a cell that it is told is taken. One that has waited for long asks: the denial names the
+    /// module in the way, and what it was told may be out of date.
+    fn trusts_hints(&self) -> bool {
+        self.deferrals <= WIDE_DETOUR
+    }
     /// Returns true if a module in reserve waits for an outer neighbour to leave first.
     fn waits_for_outer(&self, v: View<'_>, label: u16) -> bool {
         let outer = |b: &Beacon| b.role == Role::Reserve && b.rank.label > label;
@@ -219,14 +237,15 @@ impl MotionPlanner {
                 return None;
             }
         }
+        let patience = if v.own.role == Role::Walker { WALKER_DETOUR } else { DETOUR };
         let slack = match self.deferrals {
-            0..=DETOUR => 0,
+            p if p <= patience => 0,
             p if p > WIDE_DETOUR && rng.chance(QUARTER) => 2,
             _ => 1,
         };
         let Some(best) = best_of(&candidates.known, nearest + slack, rng) else {
             hit(CoveragePoint::CubeBehindWalker);
-            self.waits_for = candidates.known.iter().find_map(|o| o.behind);
+            self.waits_for = candidates.known.iter().find_map(|o| o.behind).or(self.waits_for);
             self.waiting_since.get_or_insert(v.now);
             self.decide_later(v.now, v.params());
             return None;
@@ -261,7 +280,7 @@ fn best_of<'a>(candidates: &'a [Candidate], longest: u16, rng: &mut Rng) -> Opti
     let key = |o: &Candidate| (o.moves, o.over_loose);
     let mut best: Option<&Candidate> = None;
     let mut ties = 0;
-    for candidate in candidates.iter().filter(|o| o.behind.is_none() && o.moves <= longest) {
+    for candidate in candidates.iter().filter(|o| !o.is_taken && o.moves <= longest) {
         match best.map(|b| key(candidate).cmp(&key(b))) {
             None | Some(core::cmp::Ordering::Less) => (best, ties) = (Some(candidate), 1),
             Some(core::cmp::Ordering::Equal) => {
@@ -279,27 +298,31 @@ fn best_of<'a>(candidates: &'a [Candidate], longest: u16, rng: &mut Rng) -> Opti
 impl Candidates {
     /// Iterates over the motions that no walker is in the way of.
     pub fn free(&self) -> impl Iterator<Item = Motion> {
-        let known = self
-            .known
-            .iter()
-            .filter(|candidate| candidate.behind.is_none())
-            .map(|candidate| candidate.motion);
+        let known =
+            self.known.iter().filter(|candidate| !candidate.is_taken).map(|candidate| candidate.motion);
         known.chain(self.blind.iter().copied())
     }
 
-    /// Evaluates the motions over every live support; those that lead to no known target only if `all` are asked for.
-    fn around(v: View<'_>, all: bool) -> Candidates {
+    /// Evaluates the motions over every live support.
+    fn around(v: View<'_>, outlook: Outlook) -> Candidates {
         let mut candidates = Candidates::default();
         for support in Face::in_mask(v.sides.support_mask()) {
             let Some(b) = v.support(support) else { continue };
             for (slot, heading) in support.perpendicular().into_iter().enumerate() {
-                candidates.add(v, all, (b, slot), support, heading);
+                candidates.add(v, outlook, (b, slot), support, heading);
             }
         }
         candidates
     }
 
-    fn add(&mut self, v: View<'_>, all: bool, (b, slot): (&Beacon, usize), support: Face, heading: Face) {
+    fn add(
+        &mut self,
+        v: View<'_>,
+        outlook: Outlook,
+        (b, slot): (&Beacon, usize),
+        support: Face,
+        heading: Face,
+    ) {
         // The support cannot see what stands over its edge.
         let is_edge = (b.supports | b.dead) & heading.bit() == 0;
         let behind = match (v.sides.is_touching(heading), v.peer(heading)) {
@@ -312,12 +335,14 @@ impl Candidates {
                 return;
             }
         };
+        let is_said_to_be_taken = outlook.trusts && is_edge && b.taken & heading.bit() != 0;
+        let is_taken = behind.is_some() || is_said_to_be_taken;
         let kind = if is_edge { MotionKind::Convex } else { MotionKind::Slide };
         let (entry, motion) = (b.field[slot], Motion { kind, support, heading });
         if entry.is_known() {
             let (moves, source, over_loose) = (entry.moves(), entry.source, b.role != Role::Final);
-            self.known.push(Candidate { moves, source, over_loose, motion, behind });
-        } else if behind.is_none() && all {
+            self.known.push(Candidate { moves, source, over_loose, motion, is_taken, behind });
+        } else if !is_taken && outlook.all {
             self.blind.push(motion);
         }
     }
@@ -399,7 +424,8 @@ impl Cube {
         }
         let v = View { now, own: &self.own, sides: &self.sides };
         let surveys = self.may_survey();
-        let candidates = Candidates::around(v, steered.is_some() || surveys);
+        let outlook = Outlook { all: steered.is_some() || surveys, trusts: self.planner.trusts_hints() };
+        let candidates = Candidates::around(v, outlook);
         if candidates.corners != self.planner.corners_seen && self.own.role == Role::Walker {
             hit(CoveragePoint::CubeCornerSeen);
             self.planner.corners_seen = candidates.corners;

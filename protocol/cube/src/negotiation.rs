@@ -262,6 +262,10 @@ impl Cube {
             _ => now + self.own.params().keep_for(),
         };
         self.locks.grant(Lock { id, expires, next, reserved, beyond: None });
+        if reserved.is_some() {
+            // Walkers are told that the cell is taken.
+            self.beacons.invalidate();
+        }
         Ok(())
     }
 
@@ -448,9 +452,13 @@ impl Cube {
         if self.own.has(Defect::KeepLocks) {
             return;
         }
+        let reservations = self.locks.reservation_count();
         for (next, origin, token) in self.locks.release(which) {
             hit(CoveragePoint::CubeReleaseForwarded);
             self.out.send(&self.sides, next, Class::Negotiation, Message::Release { origin, token });
+        }
+        if self.locks.reservation_count() != reservations {
+            self.beacons.invalidate();
         }
     }
 }

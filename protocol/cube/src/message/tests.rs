@@ -53,6 +53,7 @@ fn beacon() -> Beacon {
         claim: Claim::Parent(Token(0xAABB_CCDD)),
         ack: Some(Token(7)),
         corners: 0b10_0000,
+        taken: 0b01_1000,
         subtree: 9,
         field: [entry(1), entry(2), entry(3), Entry::NONE],
     }
@@ -134,7 +135,7 @@ fn every_message_survives_the_wire_and_knows_its_length() {
 #[test]
 fn golden_beacon() {
     let bytes = Frame::seal(header(), &Message::Beacon(beacon())).to_bytes();
-    let expected: [u8; 84] = [
+    let expected: [u8; 85] = [
         4,
         3,
         2,
@@ -183,6 +184,7 @@ fn golden_beacon() {
         0,
         0,
         0x20,
+        0x18,
         9,
         0,
         0,
@@ -220,7 +222,7 @@ fn golden_beacon() {
         0,
         0,
     ];
-    assert_eq!(bytes[HEADER..HEADER + 84], expected);
+    assert_eq!(bytes[HEADER..HEADER + 85], expected);
 }
 
 #[test]
