@@ -14,11 +14,16 @@ use metamorph_tests::command::{on, refused, report};
 use metamorph_tests::growth::{Experiment, Ran};
 use metamorph_tests::metamodules::{Assembly, Goal};
 use metamorph_world_controller::report::hosts::CrossedCounts;
+use std::ops::RangeInclusive;
 use std::thread;
 
 const SIDE: i16 = 10;
-/// Seeds that are searched for torn bodies; one of them has one.
+/// Seeds with which nothing may break.
 const SEEDS: u64 = 80;
+/// Seeds that are searched for torn bodies: of the first 5,000 seeds 23 have one.
+const TORN: RangeInclusive<u64> = 790..=800;
+/// Seeds that are searched for modules that hang on their descendants: of the first 60 seeds 3 have one.
+const HANGING: RangeInclusive<u64> = 10..=16;
 
 fn clocks<const N: usize>(milliseconds: [i64; N]) -> [ClockOffset; N] {
     milliseconds.map(|ms| ClockOffset(ms * 1_000_000))
@@ -51,12 +56,12 @@ fn restarts(seed: u64) -> Experiment {
 
 /// Returns the first seed of which the run breaks this invariant with the defect.
 fn first_broken(
-    seeds: u64,
+    mut seeds: RangeInclusive<u64>,
     invariant: Invariant,
     defect: Defect,
     vary: fn(u64) -> Experiment,
 ) -> Option<u64> {
-    (1..=seeds).find(|seed| {
+    seeds.find(|seed| {
         let mut experiment = vary(*seed);
         experiment.setup.params.defect = Some(defect);
         experiment.run().broke(invariant)
@@ -65,12 +70,12 @@ fn first_broken(
 
 #[test]
 fn deadlines_that_ignore_the_skew_admit_moves_too_late() {
-    assert!(first_broken(3, MOVE_WITHIN_LEASE, Defect::IgnoreSkew, late_starts).is_some());
+    assert!(first_broken(1..=3, MOVE_WITHIN_LEASE, Defect::IgnoreSkew, late_starts).is_some());
 }
 
 #[test]
 fn deadlines_that_ignore_the_skew_tear_the_body() {
-    assert!(first_broken(SEEDS, BODY_CONNECTED, Defect::IgnoreSkew, late_starts).is_some());
+    assert!(first_broken(TORN, BODY_CONNECTED, Defect::IgnoreSkew, late_starts).is_some());
 }
 
 /// Metamodules whose clocks are wrong by almost a quarter of a lease, with links that are cut for about a lease.
@@ -100,7 +105,7 @@ fn metamodules_need_room_for_the_skew_as_well() {
 
 #[test]
 fn restarts_dated_by_their_own_clock_hang_modules_on_their_descendants() {
-    assert!(first_broken(6, PARENT_DESCENDS, Defect::OwnBirthTime, restarts).is_some());
+    assert!(first_broken(HANGING, PARENT_DESCENDS, Defect::OwnBirthTime, restarts).is_some());
 }
 
 /// With the remedies the same runs break nothing.

@@ -12,7 +12,6 @@
 //! *Invariants.* No text makes the reader panic or exceed the memory and time that the limits in `error`
 //! allow. Absent: running anything.
 
-mod base64;
 pub mod bounds;
 pub mod commands;
 mod controller_link;

@@ -1,10 +1,11 @@
 //! Packs a scenario: its text, and behind it as `[[file]]` every file that it names and does not have yet.
 
-use super::base64;
 use super::error::MAX_BYTES;
 use super::json::is_json;
 use super::packed_files::is_packed;
 use super::{Plan, family::Families, read_text};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
 use metamorph_text::escape::{Shown, is_control};
 use metamorph_text::format::bytes;
 use serde_json::json;
@@ -91,7 +92,7 @@ fn in_toml(text: &str, files: &BTreeMap<&str, Vec<u8>>) -> String {
             // A line end behind the opening quotes does not count.
             Some(text) => packed += &format!("text = '''\n{text}'''\n"),
             None => {
-                let encoded = base64::encode(content);
+                let encoded = STANDARD.encode(content);
                 let lines: Vec<&str> = encoded
                     .as_bytes()
                     .chunks(COLUMNS)
@@ -107,7 +108,7 @@ fn in_toml(text: &str, files: &BTreeMap<&str, Vec<u8>>) -> String {
 fn in_json(text: &str, files: &BTreeMap<&str, Vec<u8>>) -> String {
     let one = |(name, content): (&&str, &Vec<u8>)| match as_text(content) {
         Some(text) => json!({ "name": name, "text": text }),
-        None => json!({ "name": name, "base64": base64::encode(content) }),
+        None => json!({ "name": name, "base64": STANDARD.encode(content) }),
     };
     let all = json!(files.iter().map(one).collect::<Vec<_>>());
     let object = text.trim_end();

@@ -1,6 +1,5 @@
 //! A scenario as written: typed values with their places, before checks that need more than one of them.
 
-use super::base64;
 use super::commands::{self, RawCommands};
 use super::controller_link::RawController;
 use super::diagnostics::{At, Diagnostics, Place};
@@ -15,6 +14,8 @@ use super::packed_files::PackedFiles;
 use super::rescue;
 use super::table::{Delay, Node, Section, delay, elements};
 use super::{LinkKind, Overrides};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
 use metamorph_core::link::{Burst, LinkModel, Quantiles};
 use metamorph_core::ratio::Ratio;
 use metamorph_core::time::{Span, Time};
@@ -349,6 +350,12 @@ fn packed_files(node: &Node<'_>, diagnostics: &mut Diagnostics) -> PackedFiles {
     files
 }
 
+/// Decodes Base64 after RFC 4648, in which white space has no meaning; `None` if it is none.
+fn decoded(text: &str) -> Option<Vec<u8>> {
+    let digits: Vec<u8> = text.bytes().filter(|byte| !byte.is_ascii_whitespace()).collect();
+    STANDARD.decode(digits).ok()
+}
+
 fn packed_file(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<(String, Vec<u8>)> {
     let mut section = Section::of(node, "[[file]]", FILE, diagnostics)?;
     let name = section.need::<String>("name", "name = \"shape.stl\"", diagnostics);
@@ -359,7 +366,7 @@ fn packed_file(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<(String
     let content = match (text, encoded) {
         (Some(text), None) => text.value.into_bytes(),
         (None, Some(encoded)) => {
-            let decoded = base64::decode(&encoded.value).ok_or(ScenarioError::NotBase64);
+            let decoded = decoded(&encoded.value).ok_or(ScenarioError::NotBase64);
             diagnostics.note(&encoded.place, decoded)?
         }
         (text, _) => {

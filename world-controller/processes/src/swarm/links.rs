@@ -21,6 +21,9 @@ const OWN: u64 = 256;
 /// Number of links that may be open at a time however few descriptors the agents leave.
 const FEWEST: u64 = 64;
 
+/// The most modules of one run on one machine; pids and descriptors run out soon after.
+pub const MODULE_LIMIT: usize = 16_000;
+
 /// One link to an agent.
 #[derive(Debug)]
 pub struct AgentLink<L> {
@@ -115,7 +118,7 @@ fn allowed() -> u64 {
 /// Returns the most descriptors that this process may open, and the number of modules for which they suffice.
 pub fn descriptor_limit() -> (u64, u64) {
     let allowed = allowed();
-    (allowed, (allowed.saturating_sub(OWN + FEWEST * LINK) / AGENT).min(super::MODULE_LIMIT as u64))
+    (allowed, (allowed.saturating_sub(OWN + FEWEST * LINK) / AGENT).min(MODULE_LIMIT as u64))
 }
 
 /// Returns the number of descriptors without which the controller of so many agents does not start.

@@ -32,7 +32,7 @@ pub use crate::swarm::hosts::{
 pub use crate::swarm::hosts::{
     KeysError, NetBenchError, keep_zenoh_on_one_thread, make_keys, measure_net, renew_keys,
 };
-pub use crate::swarm::links::{descriptor_limit, descriptors_needed, room_of_daemon};
+pub use crate::swarm::links::{MODULE_LIMIT, descriptor_limit, descriptors_needed, room_of_daemon};
 pub use crate::swarm::memory::run_in_memory;
 pub use crate::swarm::meter::Meter;
 pub use crate::swarm::outcome::{Crash, SwarmError, SwarmOutcome};
@@ -139,9 +139,6 @@ impl SwarmOptions {
         }
     }
 }
-
-/// The most modules of one run on one machine; pids and descriptors run out soon after.
-pub const MODULE_LIMIT: usize = 16_000;
 
 fn catch_signals(options: &SwarmOptions) -> Result<(), SwarmError> {
     if options.catch_signals {
