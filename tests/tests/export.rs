@@ -126,7 +126,7 @@ fn a_recording_of_cubes_shows_all_cubes_and_ends_as_the_run_did() {
         // Not more often than configured, but for the last one; never later than the run.
         assert!(updates.windows(2).rev().skip(1).all(|pair| pair[1].at - pair[0].at >= 100_000_000));
         // Agents of processes may write a little after the end.
-        let end = (report.time.virtual_s * 1e9) as u64;
+        let end = (report.time.virtual_s * 1e9).round() as u64;
         assert!(link == "ipc" || last.at <= end, "{} after {end}", last.at);
 
         // The killed one is dead from then on, and drawn unlike all others.

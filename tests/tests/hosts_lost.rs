@@ -24,6 +24,12 @@ fn faults(report: &Report, kind: &str) -> Vec<(f64, Option<u32>)> {
     of_hosts.map(|f| (f.at_s, f.module)).collect()
 }
 
+/// Returns the starts of these modules, one a millisecond from `at` on.
+fn started(at: f64, modules: std::ops::Range<u32>) -> Vec<(f64, Option<u32>)> {
+    let number = |(i, id): (u32, u32)| ((f64::from(i) + at * 1_000.0) / 1_000.0, Some(id));
+    (0..).zip(modules).map(number).collect()
+}
+
 /// The scenario `swarm` on three hosts, one of which goes down at 6 s.
 fn swarm(more: &str) -> String {
     let text = std::fs::read_to_string(scenario("swarm.toml")).unwrap();
@@ -39,9 +45,9 @@ fn a_simulated_loss_is_a_restart_after_the_fence() {
     let ran = on(&text, &args);
     let report = report(&ran.out);
     assert_eq!((report.outcome.as_str(), report.invariants.broken), ("built", 0), "{ran:?}");
-    let of_h2 = |at: f64| OF_H2.map(|id| (at, Some(id))).collect::<Vec<_>>();
+    let killed = OF_H2.map(|id| (6.0, Some(id))).collect::<Vec<_>>();
     assert_eq!((faults(&report, "down"), faults(&report, "lost")), (vec![(6.0, None)], vec![(10.0, None)]));
-    assert_eq!((faults(&report, "kill"), faults(&report, "restart")), (of_h2(6.0), of_h2(10.0)));
+    assert_eq!((faults(&report, "kill"), faults(&report, "restart")), (killed, started(10.0, OF_H2)));
     assert_eq!((report.agents.crashed, report.agents.alive), (15, LIVING));
     let h2 = &report.hosts.as_ref().unwrap().hosts[1];
     assert_eq!(h2.lost_s, Some(10.0));
@@ -62,7 +68,8 @@ fn a_host_that_comes_back_in_time_restarts_those_it_had() {
     );
     let ran = on(&text, &["run", "{}", "--link", "sim", "--json", "-"]);
     let report = report(&ran.out);
-    let again = OF_H2.filter(|id| *id != 20).map(|id| (8.0, Some(id))).collect::<Vec<_>>();
+    let mut again = started(8.0, OF_H2);
+    again.retain(|(_, id)| *id != Some(20));
     assert_eq!((faults(&report, "restart"), faults(&report, "back")), (again, vec![(8.0, None)]), "{ran:?}");
     assert_eq!((faults(&report, "lost"), report.agents.alive), (vec![], LIVING - 1));
 }

@@ -311,6 +311,48 @@ fn a_lost_machine_takes_its_modules_along() {
     assert_eq!(replayed.0, Some(0), "{replayed:?}");
 }
 
+/// A daemon that dies and is started again shows that its agents have ended, so nobody waits for the fence, which is an hour
+/// here. Its modules start there, and the links to both other machines carry what they say.
+#[test]
+fn a_machine_that_comes_back_ends_the_wait_for_the_fence() {
+    let _alone = ALONE.lock();
+    let mut site = Site::new(3);
+    site.start_all();
+    let text = fs::read_to_string(site.path("hosts.toml")).unwrap();
+    fs::write(site.path("hosts.toml"), text.replace("fence = \"6s\"", "fence = \"3600s\"")).unwrap();
+    let (hosts, journal, out) = (site.text("hosts.toml"), site.text("run.journal"), site.text("report.json"));
+    let scenario = "deploy/scenarios/swarm.toml";
+    let args = ["run", scenario, "--hosts", &hosts, "--journal", &journal, "--json", &out, "--quiet"];
+    let more = ["--set", "link.between_hosts.lost=elsewhere", "--rescue", "off", "--time-scale", "2"];
+    let mut run_of = metamorph(program(), &[&args[..], &more].concat())
+        .stderr(fs::File::create(site.path("run.log")).unwrap())
+        .spawn()
+        .unwrap();
+    let parts = site.path("run.journal.parts");
+    let arrived =
+        || (14..28).all(|id| parts.join(format!("{id}.0")).metadata().is_ok_and(|m| m.len() > 2_000));
+    wait_until("the modules of h2 to work", arrived);
+    site.daemons[0].kill().unwrap();
+    site.daemons[0].wait().unwrap();
+    site.start(program(), 0, "h2", &site.text("keys"));
+    wait_until("the run to end", || run_of.try_wait().unwrap().is_some());
+    let said = fs::read_to_string(site.path("run.log")).unwrap();
+    let text = fs::read_to_string(&out).unwrap_or_else(|e| panic!("{e}: {said}"));
+    let report: Report = serde_json::from_str(&text).unwrap();
+    assert_eq!((report.outcome.as_str(), report.invariants.broken), ("built", 0), "{said}");
+    let lost = &report.hosts.as_ref().unwrap().hosts[1].lost_why;
+    assert_eq!(lost.as_deref(), Some("its daemon was started again, which ended its agents"));
+    let restarted = report.faults.iter().filter(|f| f.fault == "restart").filter_map(|f| f.module);
+    assert!(restarted.eq(14..28), "{:?}", report.faults);
+    let crossed = report.hosts.unwrap().crossed;
+    for (from, to) in [("h1", "h2"), ("h2", "h1"), ("h2", "h3"), ("h3", "h2")] {
+        let pair = crossed.iter().find(|c| (c.from.as_str(), c.to.as_str()) == (from, to)).unwrap();
+        assert!(pair.all.sent > 50, "{from} to {to}: {pair:?}");
+    }
+    let replayed = run(&["replay", &journal, "--quiet"]);
+    assert_eq!(replayed.0, Some(0), "{replayed:?}");
+}
+
 /// A run on three machines whose controller is killed at some point.
 struct Orphaned<'s> {
     site: &'s Site,

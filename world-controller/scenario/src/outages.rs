@@ -2,10 +2,14 @@
 //! of the host after its fence, the restarts, and its return. All follow from the scenario, since hosts of a scenario have
 //! room for any number of modules.
 
-use metamorph_core::ids::HostId;
+use metamorph_core::ids::{HostId, ModuleId};
 use metamorph_core::link::{HostChange, Hosts};
 use metamorph_core::time::{Span, Time};
 use metamorph_kernel::director::faults::{Fault, Origin, Scheduled};
+
+/// Time between the starts of two agents (scenario time): a machine starts one after another, and protocols tell restarts apart
+/// by their times.
+const START: Span = Span::millis(1);
 
 /// A time for which a host is down.
 #[derive(Clone, Debug)]
@@ -55,6 +59,14 @@ pub fn schedule(outages: &[Outage], hosts: &Hosts, fence: Span) -> Result<Vec<Sc
     let (mut planned, mut hosts, mut lost) = (Vec::new(), hosts.clone(), Vec::new());
     for (at, change, host, of) in changes {
         let mut plan = |fault, by| planned.push(Scheduled { at, fault, by });
+        let restarts = |modules: Vec<ModuleId>| {
+            let times = std::iter::successors(Some(at), |at| Some(*at + START));
+            times.zip(modules).map(|(at, id)| Scheduled {
+                at,
+                fault: Fault::Restart(id),
+                by: Origin::External,
+            })
+        };
         let event = Fault::Host(host, change);
         match change {
             HostChange::Down => {
@@ -72,15 +84,15 @@ pub fn schedule(outages: &[Outage], hosts: &Hosts, fence: Span) -> Result<Vec<Sc
                 let moved = hosts.lose(host, |_| usize::MAX);
                 lost.push(host);
                 plan(event, Origin::External);
-                moved.into_iter().for_each(|id| plan(Fault::Restart(id), Origin::External));
+                planned.extend(restarts(moved));
             }
             HostChange::Back => {
                 hosts.come_back(host);
                 plan(event, Origin::External);
                 let is_lost = lost.iter().position(|other| *other == host).map(|i| lost.swap_remove(i));
                 // One that comes back before it counts as lost has its modules still.
-                let stayed = hosts.modules(host).filter(|_| is_lost.is_none());
-                stayed.for_each(|id| plan(Fault::Restart(id), Origin::External));
+                let stayed = hosts.modules(host).filter(|_| is_lost.is_none()).collect();
+                planned.extend(restarts(stayed));
             }
         }
     }
@@ -111,7 +123,8 @@ mod tests {
     #[test]
     fn a_lost_host_starts_elsewhere_after_its_fence() {
         let events = planned(&[(1, 5, None)]).unwrap();
-        let expected = ["5 down h2", "5 kill 2", "5 kill 3", "15 lost h2", "15 restart 2", "15 restart 3"];
+        let expected =
+            ["5 down h2", "5 kill 2", "5 kill 3", "15 lost h2", "15 restart 2", "15.001 restart 3"];
         assert_eq!(events, expected);
     }
 
@@ -126,8 +139,8 @@ mod tests {
             "20 kill 5",
             "30 lost h3",
             "30 restart 3",
-            "30 restart 4",
-            "30 restart 5",
+            "30.001 restart 4",
+            "30.002 restart 5",
             "40 back h3",
         ];
         assert_eq!(events[6..], expected);
@@ -136,7 +149,8 @@ mod tests {
     #[test]
     fn a_host_that_is_back_in_time_keeps_its_modules() {
         let events = planned(&[(1, 5, Some(15)), (1, 20, None)]).unwrap();
-        let expected = ["5 down h2", "5 kill 2", "5 kill 3", "15 back h2", "15 restart 2", "15 restart 3"];
+        let expected =
+            ["5 down h2", "5 kill 2", "5 kill 3", "15 back h2", "15 restart 2", "15.001 restart 3"];
         assert_eq!(events[..6], expected);
     }
 

@@ -111,8 +111,6 @@ pub struct Sim<W: Audited, D: DirectorPort<W>> {
     /// The instant of the latest input to an agent, and how many there have been at it.
     instant: (Time, u64),
     finished: bool,
-    /// True until all agents have their first contacts.
-    is_beginning: bool,
     /// True if everything was audited after the end.
     audited: bool,
     log: Option<Log>,
@@ -134,6 +132,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
                 rng: Rng::named(config.seed, "link", i as u64),
                 clock: config.link.clock(ModuleId(i as u32)),
                 wake: Time::NEVER,
+                started: Time::ZERO,
                 revision: Revision(0),
                 sent: 0,
                 incarnation: Incarnation(0),
@@ -165,7 +164,6 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             findings: Findings::default(),
             instant: (Time::ZERO, 0),
             finished: false,
-            is_beginning: true,
             audited: false,
             log,
         };
@@ -174,7 +172,6 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         }
         sim.audit_all();
         sim.settle();
-        sim.is_beginning = false;
         sim
     }
 
@@ -570,6 +567,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             Some(log) => AgentHost::recorded(&self.config.setup, birth, now, &mut *log.lock()),
         });
         module.process = Process::Running;
+        module.started = born;
         module.incarnation = incarnation;
         module.sent = 0;
         let first = id.index() * W::Agent::PORTS;

@@ -152,9 +152,9 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             *count += 1;
             self.control.bytes += bytes;
         }
-        // Scenario time begins on a host when its agents have their contacts, since these and the clock are on one stream.
-        let is_before = self.is_beginning && matches!(message, BodyMessage::Sensed(_));
-        if is_before || (self.hosts.is_none() && self.controller.is_none()) {
+        // An agent starts with its first contacts, which its start and they have on one stream.
+        let is_first = module.started == self.now && matches!(message, BodyMessage::Sensed(_));
+        if is_first || (self.hosts.is_none() && self.controller.is_none()) {
             return self.hand_over(id, message);
         }
         // A message for a dead process is dropped.

@@ -27,6 +27,8 @@ pub(super) struct Module<A: Agent> {
     pub clock: ClockOffset,
     /// The time of the wake-up that is in the queue, by the controller's clock.
     pub wake: Time,
+    /// When the process was started last.
+    pub started: Time,
     pub revision: Revision,
     /// The number of messages sent in this incarnation.
     pub sent: u32,

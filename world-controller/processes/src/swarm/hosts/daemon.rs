@@ -647,7 +647,10 @@ impl Share<'_> {
                 }
                 ToDaemon::Lost(host) => self.node.give_up(host),
                 ToDaemon::Homes(homes) => self.move_homes(homes)?,
-                ToDaemon::Back(host) => self.node.renew(self.assignment, host),
+                ToDaemon::Back(host) => {
+                    self.node.renew(self.assignment, host);
+                    self.connect_lines().map_err(SwarmError::Supervisor)?;
+                }
                 ToDaemon::Drain => self.draining = true,
                 ToDaemon::Account => {
                     let account = Box::new(self.node.account().into());
