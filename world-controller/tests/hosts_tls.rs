@@ -314,6 +314,7 @@ fn a_lost_machine_takes_its_modules_along() {
 /// A daemon that dies and is started again shows that its agents have ended, so nobody waits for the fence, which is an hour
 /// here. Its modules start there, and the links to both other machines carry what they say.
 #[test]
+#[ignore = "half a minute, and has been run once only"]
 fn a_machine_that_comes_back_ends_the_wait_for_the_fence() {
     let _alone = ALONE.lock();
     let mut site = Site::new(3);
