@@ -378,7 +378,7 @@ mod tests {
         let mut unknown = vec![1, 0, 0, 0, 0xFF];
         assert!(pop::<ToDaemon>(&mut unknown).is_err());
         // A byte too many behind a whole message.
-        let mut trailing = vec![2, 0, 0, 0, 7, 0];
+        let mut trailing = vec![2, 0, 0, 0, 9, 0];
         assert!(pop::<ToDaemon>(&mut trailing).is_err());
         let mut opening = Vec::new();
         write_opening(&mut opening, &Opening::Join { run: 3, from: HostId(1) }).unwrap();
