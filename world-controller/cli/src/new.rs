@@ -247,6 +247,11 @@ mod tests {
                     assert!(checked.is_err_and(|problems| problems.contains("there is no element 1")));
                     continue;
                 }
+                if fault.contains("kill_host = ") {
+                    // Hosts come back only where the modules of lost ones start elsewhere.
+                    assert!(checked.is_err_and(|problems| problems.contains("`until` counts only if")));
+                    continue;
+                }
                 checked.unwrap_or_else(|problems| panic!("{fault}\n{problems}"));
                 set += 1;
             }
