@@ -280,67 +280,68 @@ fn zenoh_does_not_compress() {
     }
 }
 
+/// Starts `swarm` on three machines with more options, and waits until the modules of h2 work.
+fn started(site: &Site, more: &[&str]) -> Child {
+    let (hosts, journal, out) = (site.text("hosts.toml"), site.text("run.journal"), site.text("report.json"));
+    let scenario = "deploy/scenarios/swarm.toml";
+    let args = ["run", scenario, "--hosts", &hosts, "--journal", &journal, "--json", &out, "--quiet"];
+    let run_of = metamorph(program(), &[&args[..], more].concat())
+        .stderr(fs::File::create(site.path("run.log")).unwrap())
+        .spawn()
+        .unwrap();
+    wait_for_h2(site);
+    run_of
+}
+
+/// Waits until the modules of h2, which are numbers 14 to 27, have sent parts of their journals over the network.
+fn wait_for_h2(site: &Site) {
+    let parts = site.path("run.journal.parts");
+    let has_sent = |id| parts.join(format!("{id}.0")).metadata().is_ok_and(|m| m.len() > 2_000);
+    wait_until("the modules of h2 to work", || (14..28).all(has_sent));
+}
+
+/// Waits for the end of a run that [`started`], and returns its report once its journal has been replayed.
+fn ended(site: &Site, mut run_of: Child) -> Report {
+    wait_until("the run to end", || run_of.try_wait().unwrap().is_some());
+    let said = fs::read_to_string(site.path("run.log")).unwrap();
+    let text = fs::read_to_string(site.path("report.json")).unwrap_or_else(|e| panic!("{e}: {said}"));
+    let report: Report = serde_json::from_str(&text).unwrap();
+    assert_eq!(report.invariants.broken, 0, "{:?} {said}", report.notes);
+    let replayed = run(&["replay", &site.text("run.journal"), "--quiet"]);
+    assert_eq!(replayed.0, Some(0), "{replayed:?}");
+    report
+}
+
 /// A daemon that dies takes its modules along; the rest continues, and the journal, with torn parts, replays.
 #[test]
 fn a_lost_machine_takes_its_modules_along() {
     let _alone = ALONE.lock();
     let mut site = Site::new(3);
     site.start_all();
-    let (hosts, journal, out) = (site.text("hosts.toml"), site.text("run.journal"), site.text("report.json"));
-    let scenario = "deploy/scenarios/swarm.toml";
-    let args = ["run", scenario, "--hosts", &hosts, "--journal", &journal, "--json", &out, "--quiet"];
-    let mut run_of = metamorph(program(), &[&args[..], &["--set", "stop.timeout=30s"]].concat())
-        .stderr(fs::File::create(site.path("run.log")).unwrap())
-        .spawn()
-        .unwrap();
-    let parts = site.path("run.journal.parts");
-    // Those of h2 are numbers 14 to 27, and arrive over the network.
-    let arrived =
-        || (14..28).all(|id| parts.join(format!("{id}.0")).metadata().is_ok_and(|m| m.len() > 2_000));
-    wait_until("the modules of h2 to work", arrived);
+    let run_of = started(&site, &["--set", "stop.timeout=30s"]);
     site.daemons[0].kill().unwrap();
-    wait_until("the run to end", || run_of.try_wait().unwrap().is_some());
-    let said = fs::read_to_string(site.path("run.log")).unwrap();
-    let text = fs::read_to_string(&out).unwrap_or_else(|e| panic!("{e}: {said}"));
-    let report: Report = serde_json::from_str(&text).unwrap();
-    assert_eq!(report.invariants.broken, 0, "{:?}", report.notes);
+    let report = ended(&site, run_of);
     let lost: Vec<&str> =
         report.faults.iter().filter(|f| f.fault == "lost").map(|f| f.effect.as_str()).collect();
     assert_eq!(lost, ["h2 with 14 modules: the host was silent for too long"], "{:?}", report.faults);
-    let replayed = run(&["replay", &journal, "--quiet"]);
-    assert_eq!(replayed.0, Some(0), "{replayed:?}");
 }
 
-/// A daemon that dies and is started again shows that its agents have ended, so nobody waits for the fence, which is an hour
-/// here. Its modules start there, and the links to both other machines carry what they say.
+/// A daemon that dies and is started again shows that its agents have ended, so the wait for the fence, an hour here, is
+/// over. Its modules start there, and the links to both other machines carry what they say.
 #[test]
-#[ignore = "half a minute, and has been run once only"]
 fn a_machine_that_comes_back_ends_the_wait_for_the_fence() {
     let _alone = ALONE.lock();
     let mut site = Site::new(3);
     site.start_all();
     let text = fs::read_to_string(site.path("hosts.toml")).unwrap();
     fs::write(site.path("hosts.toml"), text.replace("fence = \"6s\"", "fence = \"3600s\"")).unwrap();
-    let (hosts, journal, out) = (site.text("hosts.toml"), site.text("run.journal"), site.text("report.json"));
-    let scenario = "deploy/scenarios/swarm.toml";
-    let args = ["run", scenario, "--hosts", &hosts, "--journal", &journal, "--json", &out, "--quiet"];
-    let more = ["--set", "link.between_hosts.lost=elsewhere", "--rescue", "off", "--time-scale", "2"];
-    let mut run_of = metamorph(program(), &[&args[..], &more].concat())
-        .stderr(fs::File::create(site.path("run.log")).unwrap())
-        .spawn()
-        .unwrap();
-    let parts = site.path("run.journal.parts");
-    let arrived =
-        || (14..28).all(|id| parts.join(format!("{id}.0")).metadata().is_ok_and(|m| m.len() > 2_000));
-    wait_until("the modules of h2 to work", arrived);
+    let elsewhere = ["--set", "link.between_hosts.lost=elsewhere", "--rescue", "off", "--time-scale", "2"];
+    let run_of = started(&site, &elsewhere);
     site.daemons[0].kill().unwrap();
     site.daemons[0].wait().unwrap();
     site.start(program(), 0, "h2", &site.text("keys"));
-    wait_until("the run to end", || run_of.try_wait().unwrap().is_some());
-    let said = fs::read_to_string(site.path("run.log")).unwrap();
-    let text = fs::read_to_string(&out).unwrap_or_else(|e| panic!("{e}: {said}"));
-    let report: Report = serde_json::from_str(&text).unwrap();
-    assert_eq!((report.outcome.as_str(), report.invariants.broken), ("built", 0), "{said}");
+    let report = ended(&site, run_of);
+    assert_eq!(report.outcome.as_str(), "built", "{:?}", report.notes);
     let lost = &report.hosts.as_ref().unwrap().hosts[1].lost_why;
     assert_eq!(lost.as_deref(), Some("its daemon was started again, which ended its agents"));
     let restarted = report.faults.iter().filter(|f| f.fault == "restart").filter_map(|f| f.module);
@@ -350,8 +351,6 @@ fn a_machine_that_comes_back_ends_the_wait_for_the_fence() {
         let pair = crossed.iter().find(|c| (c.from.as_str(), c.to.as_str()) == (from, to)).unwrap();
         assert!(pair.all.sent > 50, "{from} to {to}: {pair:?}");
     }
-    let replayed = run(&["replay", &journal, "--quiet"]);
-    assert_eq!(replayed.0, Some(0), "{replayed:?}");
 }
 
 /// A run on three machines whose controller is killed at some point.
@@ -370,10 +369,7 @@ impl<'s> Orphaned<'s> {
             .stderr(fs::File::create(site.path("run.log")).unwrap())
             .spawn()
             .unwrap();
-        let parts = site.path("run.journal.parts");
-        let arrived =
-            || (14..28).all(|id| parts.join(format!("{id}.0")).metadata().is_ok_and(|m| m.len() > 2_000));
-        wait_until("the modules of h2 to work", arrived);
+        wait_for_h2(site);
         // At another point of each run.
         std::thread::park_timeout(Duration::from_millis(seed * 37 % 1_900));
         controller.kill().unwrap();

@@ -181,7 +181,7 @@ fn a_walker_backs_off_no_longer_than_the_cell_is_taken() {
     assert!(bench.asked().is_some());
 }
 
-/// A walker to which nobody has told that a cell is taken is denied it, and asks again after a back-off.
+/// A walker that has not been told that a cell is taken is denied it, and asks again after a back-off.
 #[test]
 fn a_lost_hint_costs_a_back_off() {
     let mut bench = walker();

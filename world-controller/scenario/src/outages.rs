@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn hosts_that_leave_nobody_and_double_outages_are_refused() {
+    fn the_loss_of_all_hosts_and_double_outages_are_refused() {
         let refused = |outages| planned(outages).map_err(|e| (e.of, e.is_last)).map(|_| ());
         assert_eq!(refused(&[(0, 5, None), (1, 6, None), (2, 7, None)]), Err((2, true)));
         assert_eq!(refused(&[(0, 5, None), (1, 6, Some(7)), (2, 7, None)]), Ok(()));

@@ -60,12 +60,14 @@ impl Shared {
         CounterFile::read(root, id, incarnation).map_err(|e| e.to_string())
     }
 
-    /// Ends all agents of a host that is lost permanently. Their counters outlive them on this machine.
+    /// Ends all agents of a host that is lost, and asks its daemon to come back. Their counters outlive them on this machine.
     pub fn lose(&mut self, host: HostId, why: &str) {
         self.lose_for(host, why, false);
         self.call_back(host);
     }
 
+    /// Ends all agents of a host that is lost, unless that has been done. `is_back` says that its daemon serves the run again
+    /// already, so that its modules keep their home.
     pub fn lose_for(&mut self, host: HostId, why: &str, is_back: bool) {
         if self.lost.contains_key(&host) {
             return;

@@ -17,7 +17,9 @@ const EVERY: Duration = Duration::from_secs(1);
 /// Asks daemons, each on a thread of its own.
 #[derive(Debug)]
 pub struct Returning {
-    answers: (Sender<(HostId, Reached)>, Receiver<(HostId, Reached)>),
+    /// Where the threads put daemons that serve the run again.
+    back: Sender<(HostId, Reached)>,
+    came_back: Receiver<(HostId, Reached)>,
     /// The hosts that are asked, and whether that is to end.
     asked: BTreeMap<HostId, Arc<AtomicBool>>,
 }
@@ -25,7 +27,8 @@ pub struct Returning {
 impl Returning {
     /// Creates a state in which no daemon is asked.
     pub fn new() -> Returning {
-        Returning { answers: channel(), asked: BTreeMap::new() }
+        let (back, came_back) = channel();
+        Returning { back, came_back, asked: BTreeMap::new() }
     }
 
     /// Asks the daemon of a host from now on, unless it is asked already.
@@ -33,7 +36,7 @@ impl Returning {
         if self.asked.contains_key(&host) {
             return;
         }
-        let (reach, address, answers) = (Arc::clone(reach), address.clone(), self.answers.0.clone());
+        let (reach, address, back) = (Arc::clone(reach), address.clone(), self.back.clone());
         let stop = Arc::new(AtomicBool::new(false));
         self.asked.insert(host, Arc::clone(&stop));
         let ask = move || {
@@ -41,7 +44,7 @@ impl Returning {
                 match reach.ask(host, &address, &opening, Duration::ZERO, MEETING) {
                     Ok(reached) if matches!(reached.answer, Answer::Ready(..)) => {
                         // The run may be over.
-                        let _ = answers.send((host, reached));
+                        let _ = back.send((host, reached));
                         return;
                     }
                     Ok(_) => {}
@@ -64,7 +67,7 @@ impl Returning {
 
     /// Returns the next daemon that serves the run again.
     pub fn next(&mut self) -> Option<(HostId, Reached)> {
-        let (host, reached) = self.answers.1.try_recv().ok()?;
+        let (host, reached) = self.came_back.try_recv().ok()?;
         self.asked.remove(&host);
         Some((host, reached))
     }

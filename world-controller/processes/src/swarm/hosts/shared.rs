@@ -31,14 +31,21 @@ const HEARD: usize = 4_096;
 /// State that transport, links and launcher share.
 #[derive(Debug)]
 pub struct Shared {
+    /// The links to the other hosts, and the homes of modules.
     pub node: Node<IceoryxLink>,
+    /// Where the daemons of the other hosts are.
     pub fleet: Fleet,
+    /// Frames of agents elsewhere that the controller has not taken, at most [`HEARD`].
     pub frames: VecDeque<SharedFrame>,
+    /// Ends and stops of agents elsewhere that the controller has not taken.
     pub events: VecDeque<Event>,
     /// The agents of other hosts that run, with the number of frames that they have not taken.
     pub away: BTreeMap<AgentKey, u32>,
+    /// The counts of agents elsewhere that have ended, or why they cannot be had.
     pub counters: BTreeMap<AgentKey, Result<Option<AgentCounters>, String>>,
+    /// Hosts that have forwarded all that their agents sent.
     pub drained: BTreeSet<HostId>,
+    /// The counts that each host has made itself, and those of messages to each other host.
     pub accounts: BTreeMap<HostId, (AgentCounters, BTreeMap<HostId, Tally>)>,
     /// The hosts that are lost, and why.
     pub lost: BTreeMap<HostId, String>,
@@ -62,9 +69,11 @@ pub struct Shared {
     pub inherited: BTreeMap<HostId, RunDir>,
     /// Messages with agents of each other host: from it, and to it.
     pub bodies: BTreeMap<HostId, (u64, u64)>,
+    /// The clock of the run.
     pub clock: FileClock,
     /// The directory of this host, and the counts that it has made itself.
     pub root: PathBuf,
+    /// The file of those counts.
     pub own: CounterFile,
     /// The number of controllers before this one.
     pub generation: u32,
@@ -72,10 +81,12 @@ pub struct Shared {
     pub collected: Option<Collected>,
     /// The clock page that was sent last.
     pub told: Option<Page>,
+    /// Where numbers of the run are noted, if they are served.
     pub metrics: Option<Metrics>,
 }
 
 impl Shared {
+    /// Returns the host of an agent.
     pub fn home(&self, agent: AgentKey) -> HostId {
         self.node.home(agent.0)
     }
@@ -85,6 +96,7 @@ impl Shared {
         self.node.home(id) == host || self.former.contains(&(id, host))
     }
 
+    /// Moves frames between hosts, takes what daemons say, and follows hosts that fall silent, end and come back.
     pub fn turn(&mut self, transport: &mut IceoryxTransport) {
         if self.frames.len() >= HEARD {
             return;
@@ -105,10 +117,10 @@ impl Shared {
                 State::Silent => {
                     tracing::warn!("{host} is silent");
                     // A daemon of this machine that has died need not be waited for.
-                    if self.inherit(host) {
-                        self.lose(host, "its daemon has died");
+                    match self.inherit(host) {
+                        true => self.lose(host, "its daemon has died"),
+                        false => self.call_back(host),
                     }
-                    self.call_back(host);
                 }
                 State::Fenced => self.lose(host, "the host was silent for too long"),
                 State::Closed => self.lose(host, "its daemon was asked to end"),
@@ -152,6 +164,7 @@ impl Shared {
         }
     }
 
+    /// Adds a part of an agent's journal to those collected here.
     pub fn put(&mut self, host: HostId, stretch: &Stretch) {
         let id = stretch.agent.0;
         if !self.is_of(id, host) {
@@ -174,6 +187,7 @@ impl Shared {
         }
     }
 
+    /// Takes a message of a daemon.
     pub fn take(&mut self, host: HostId, message: ToController) {
         let is_theirs = |agent: &AgentKey| self.is_of(agent.0, host);
         match message {
@@ -238,7 +252,7 @@ impl Shared {
         crossings
     }
 
-    /// The other hosts that are not lost.
+    /// Returns the other hosts that are not lost.
     pub fn present(&self) -> Vec<HostId> {
         self.fleet.roots.keys().copied().filter(|host| !self.lost.contains_key(host)).collect()
     }
