@@ -330,9 +330,15 @@ mod tests {
     /// Returns a module in reserve at the origin with a live neighbour in the east and a dead one in the
     /// west.
     fn between(west_was_final: bool) -> Cube {
+        beside_a_dead_one(west_was_final, None, None)
+    }
+
+    /// Returns a module as [`between`] does, with a defect, that heard its neighbour in the west before that died.
+    fn beside_a_dead_one(west_was_final: bool, heard: Option<Beacon>, defect: Option<Defect>) -> Cube {
         let seed = Cell::new(-2, 0, 0);
+        let params = Params::scaled(Span::secs(1), Span::millis(10), 100).keeping(Connectivity::Cycles);
         let setup = Setup {
-            params: Params::scaled(Span::secs(1), Span::millis(10), 100).keeping(Connectivity::Cycles),
+            params: Params { defect, ..params },
             goals: vec![Goal::compile(&[seed, Cell::new(-1, 0, 0)], seed, Growth::Solid).unwrap()],
         };
         let mut cube = Cube::first(setup);
@@ -342,6 +348,9 @@ mod tests {
         }
         let beacon = Beacon { supports: Face::West.bit(), ..Beacon::first(ModuleId(1)) };
         cube.handle(Time::ZERO, Input::Message { port: east, message: Message::Beacon(beacon) });
+        if let Some(beacon) = heard {
+            cube.handle(Time::ZERO, Input::Message { port: west, message: Message::Beacon(beacon) });
+        }
         let now = Time::ZERO;
         let order = Order::Condemn {
             port: west,
@@ -385,11 +394,19 @@ mod tests {
             let is_lock = |(_, m): &&(Port, Message)| matches!(m, Message::Request { ask: Ask::Lock, .. });
             assert_eq!(asked.iter().filter(is_lock).count(), 2, "the neighbour and the route: {asked:?}");
         }
-        let (mut ignores, mut knows) = (between(false), between(false));
-        let params = |cube: &Cube| Params { defect: Some(Defect::IgnoreDead), ..cube.own.params().clone() };
-        let setup = Setup { params: params(&ignores), goals: ignores.own.setup.goals.clone() };
-        ignores.own.setup = super::super::view::Shared(alloc::sync::Arc::new(setup));
-        assert!(ignores.ask_for_cycles(NOW) && !knows.ask_for_cycles(NOW));
+        let mut ignores = beside_a_dead_one(false, None, Some(Defect::IgnoreDead));
+        assert!(ignores.ask_for_cycles(NOW) && !between(false).ask_for_cycles(NOW));
+    }
+
+    /// A dead neighbour that said it was finalized, and was not for the goal in which it died, is looked for.
+    #[test]
+    fn the_finalized_of_an_earlier_goal_are_no_root() {
+        let heard = || Some(Beacon { role: Role::Final, ..Beacon::first(ModuleId(2)) });
+        let (_, dead, _) = search_of(&mut beside_a_dead_one(false, heard(), None));
+        assert_eq!(dead, Face::West.bit());
+        let mut trusts = beside_a_dead_one(false, heard(), Some(Defect::RootOfOldGoal));
+        let (_, dead, _) = search_of(&mut trusts);
+        assert_eq!(dead, 0);
     }
 
     /// A module answers a search if it touches the dead module that is looked for.
