@@ -14,6 +14,7 @@ use metamorph_protocol::metamodule::blueprint::Seed;
 use metamorph_protocol::metamodule::message::Order;
 use metamorph_protocol::metamodule::motions::Sweep;
 use metamorph_protocol::metamodule::params::Strategy;
+use metamorph_protocol::metamodule::planning::nearby::Nearby;
 use metamorph_protocol::metamodule::planning::paths::{Ground, Route};
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::metamodule::steering::upright;
@@ -203,7 +204,7 @@ impl<'a> Floor<'a> {
     fn aside(&self, id: ModuleId, pose: Pose, way: &BTreeSet<Cell>, lease: Span) -> Option<Fault> {
         let others = self.others(id);
         let ground = self.ground(&others);
-        let route = ground.aside(pose, |to| {
+        let route = Nearby::new(&ground, pose).find(|to| {
             let foot = to.foot();
             let place = upright(foot);
             let cells = place.cells();

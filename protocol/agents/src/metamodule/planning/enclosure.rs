@@ -5,7 +5,7 @@
 //! that stopped a search form a wall where all of them are taken. The cache affects the time an answer takes,
 //! never the answer.
 
-use super::graph::ones;
+use super::graph::{RADIUS, ones};
 use crate::metamodule::blueprint::Floor;
 use crate::metamodule::motions::Middle;
 use crate::metamodule::planning::paths::{Ground, Left};
@@ -22,6 +22,13 @@ const AWAY: i64 = 5;
 pub fn is_away(from: Middle, to: (i16, i16)) -> bool {
     let (x, y) = (i64::from(to.0) * 4 - from.0, i64::from(to.1) * 4 - from.1);
     x.abs().max(y.abs()) >= AWAY * 4
+}
+
+/// Returns true if a taken cell may decide whether a body with this middle is enclosed: a motion from a connector that is not
+/// far enough away may sweep it.
+pub fn bears_on(middle: Middle, cell: Cell) -> bool {
+    let (x, y) = (i64::from(cell.x) * 4 - middle.0, i64::from(cell.y) * 4 - middle.1);
+    x.abs().max(y.abs()) < (AWAY + i64::from(RADIUS)) * 4
 }
 
 /// Range of cached cells along x and y, in connectors from the one that holds the body.
@@ -267,7 +274,7 @@ mod tests {
     use metamorph_roombots::database::Database;
     use std::sync::Arc;
 
-    /// Cached results do not change the answers.
+    /// Cached results do not change the answers, nor do cells that are too far away.
     #[test]
     fn what_was_learnt_changes_no_answer() {
         let database = Arc::new(Database::build());
@@ -290,6 +297,15 @@ mod tests {
                 for _ in 0..2 {
                     assert_eq!(ground.is_shut_in(pose), expected, "{kind} {pose:?} {taken:?}");
                 }
+                let mut around = || Pose {
+                    state: GridState::new(below(40) as i16 - 16, below(40) as i16 - 16, below(4) as u8),
+                    ..pose
+                };
+                let far: Vec<Cell> = (0..8).flat_map(|_| motions.cells(around())).chain(taken).collect();
+                let middle = motions.middle(pose);
+                let near: Vec<Cell> = far.iter().copied().filter(|c| bears_on(middle, *c)).collect();
+                let [far, near] = [&far, &near].map(|taken| Ground { motions: &motions, floor, taken });
+                assert_eq!(far.is_shut_in(pose), near.is_shut_in(pose), "{kind} {pose:?} {:?}", far.taken);
                 counts[usize::from(expected)] += 1;
             }
             assert!(counts.iter().all(|n| *n > 100), "{kind}: {counts:?}");

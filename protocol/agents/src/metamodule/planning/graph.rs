@@ -96,7 +96,7 @@ pub struct MotionGraph {
 /// The number that stands for no posture, or for no cell.
 const UNKNOWN: u8 = u8::MAX;
 /// Range of motions along x and y, in cells from the foot; along z they stay below twice as much.
-const RADIUS: i16 = 4;
+pub(super) const RADIUS: i16 = 4;
 /// Width of the range of motions, in cells.
 const SIDE_CELLS: usize = 2 * RADIUS as usize + 1;
 

@@ -6,6 +6,7 @@ pub mod distances;
 pub(crate) mod enclosure;
 pub mod graph;
 pub(crate) mod lru_cache;
+pub mod nearby;
 pub mod paths;
 pub(crate) mod posture_set;
 pub(crate) mod random_walk;

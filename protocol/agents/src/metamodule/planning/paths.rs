@@ -52,21 +52,21 @@ pub struct Ground<'a> {
 }
 
 /// Cost of a step in turns: one more step pays off only if it saves more turns than this.
-const STEP: u32 = 64;
+pub(super) const STEP: u32 = 64;
 /// Estimated number of turns of a step. Slightly high, so that of equally long routes the one closest to its
 /// end is expanded first, and too small to outweigh [`STEP`].
 const TURNS: u32 = 6;
 /// Number of places that one search may expand. The floor of the published experiment has about 1000; a
 /// successful search expands a few.
 const MOST_LEFT: usize = 20_000;
-/// Largest number of steps aside.
-const MOST_ASIDE: u32 = 4;
-
-struct Node {
-    pose: Pose,
-    cost: u32,
+/// A pose that a search has found a way to.
+#[derive(Clone, Copy)]
+pub(super) struct Node {
+    pub pose: Pose,
+    /// The cost of the way.
+    pub cost: u32,
     /// The node before, and the posture that landed here.
-    by: Option<(u32, u16)>,
+    pub by: Option<(u32, u16)>,
 }
 
 /// The places that a search has expanded.
@@ -170,47 +170,10 @@ impl Ground<'_> {
         }
         None
     }
-
-    /// Returns the cheapest route to a pose that `fits`; a change of posture without a step is cheapest.
-    pub fn aside(&self, from: Pose, mut fits: impl FnMut(Pose) -> bool) -> Option<Route> {
-        let mut nodes = vec![Node { pose: from, cost: 0, by: None }];
-        let mut queue = BinaryHeap::from([(Reverse(0), Reverse(0u32), None)]);
-        let mut left = Left::new(self.floor);
-        while let Some((_, Reverse(at), last)) = queue.pop() {
-            let Node { pose, cost, .. } = nodes[at as usize];
-            if let Some(last) = last {
-                return Some(route(&nodes, at, (pose.posture != last).then_some(last)));
-            }
-            if left.has(pose, self.motions.rest_bit(pose.posture)) {
-                continue;
-            }
-            let reach = self.reach(pose);
-            let mut rests: Vec<(u16, u8)> = reach.chains.iter().flatten().copied().collect();
-            rests.sort_by_key(|(_, turns)| *turns);
-            if let Some((last, turns)) = rests.into_iter().find(|(p, _)| fits(Pose { posture: *p, ..pose })) {
-                queue.push((Reverse(cost + u32::from(turns)), Reverse(at), Some(last)));
-            }
-            if !left.is_bounded() {
-                return None;
-            }
-            left.add(pose, reach.lands);
-            if cost / STEP >= MOST_ASIDE {
-                continue;
-            }
-            for landed in &reach.landings {
-                let Some(to) = self.landed(pose, landed.posture) else { continue };
-                if !left.has(to, self.motions.rest_bit(to.posture)) {
-                    let cost = cost + STEP + u32::from(landed.turns);
-                    queue.push((Reverse(cost), Reverse(nodes.len() as u32), None));
-                    nodes.push(Node { pose: to, cost, by: Some((at, landed.posture)) });
-                }
-            }
-        }
-        None
-    }
 }
 
-fn route(nodes: &[Node], mut at: u32, last: Option<u16>) -> Route {
+/// Returns the route to a node.
+pub(super) fn route(nodes: &[Node], mut at: u32, last: Option<u16>) -> Route {
     let mut steps = Vec::new();
     while let Some((before, posture)) = nodes[at as usize].by {
         steps.push(posture);

@@ -106,8 +106,7 @@ impl Negotiated {
         let stands_still = self.claims.unfilled_for(now) > retry * STANDS_STILL;
         let walls_in = !stands_still
             && (scene.loses_candidates(claim)
-                || (waited <= retry * (GIVE_UP - 1)
-                    && scene.free.iter().any(|o| !scene.is_safe_beside(o, cx.v.own.pose))));
+                || (waited <= retry * (GIVE_UP - 1) && !scene.leaves_others_safe()));
         let fills = enter && !walls_in && matches!(self.route.next(), Some((_, false)));
         let may = Permission {
             enter,

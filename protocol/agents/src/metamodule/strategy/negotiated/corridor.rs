@@ -1,6 +1,6 @@
 //! The cells of paths: of those of others, to keep out of, and of this metamodule's own.
 
-use super::scene::Scene;
+use super::scene::{ROOM, Scene};
 use crate::metamodule::message::{LEGS, Path, Rank, Segment};
 use crate::metamodule::motions::Sweep;
 use crate::metamodule::plan::{Aim, Plan};
@@ -53,7 +53,7 @@ impl Scene<'_> {
     /// All cells of a way.
     pub fn cells_of(&self, from: Pose, segments: &[Segment]) -> Vec<Cell> {
         let motions = self.v.motions();
-        let (mut at, mut cells) = (from, Vec::new());
+        let (mut at, mut cells) = (from, Vec::with_capacity(segments.len() * ROOM));
         for segment in segments {
             cells.extend(motions.swept(at.state, segment.sweep));
             let ends = Pose { posture: segment.posture, ..at };

@@ -22,6 +22,7 @@ mod approach;
 mod claims;
 mod coordinator;
 mod corridor;
+mod safety;
 mod scene;
 mod yielding;
 

@@ -1,5 +1,6 @@
 //! Surroundings of a metamodule, as `negotiated` sees them, and the places where it blocks others.
 
+use super::safety::Beside;
 use crate::metamodule::blueprint::{Seed, SeedSet};
 use crate::metamodule::message::{Claim, Path};
 use crate::metamodule::planning::enclosure::is_away;
@@ -7,6 +8,7 @@ use crate::metamodule::pose::Pose;
 use crate::metamodule::view::View;
 use metamorph_core::ids::{ModuleId, Port};
 use metamorph_core::lattice::Cell;
+use std::cell::OnceCell;
 use std::collections::BTreeMap;
 
 /// Another metamodule that can move.
@@ -41,14 +43,20 @@ pub(super) struct Scene<'a> {
     pub built: Vec<Cell>,
     /// The corners of the rectangle around the feet of all seeds.
     zone: ((i16, i16), (i16, i16)),
+    /// The cells of what is built and of other free metamodules; see `safety`.
+    pub around: OnceCell<Vec<Cell>>,
+    /// The other free metamodules outside the zone; see `safety`.
+    pub beside: OnceCell<Vec<Beside>>,
 }
 
 impl<'a> Scene<'a> {
     pub fn new(v: View<'a>, paths: &BTreeMap<Port, Path>) -> Scene<'a> {
         let own = v.own;
         let fixed = v.fixed();
+        let near = v.neighbours.states().count();
         let (mut stays, mut blocked) = (fixed.clone(), Vec::new());
-        let (mut free, mut candidates, mut movable) = (Vec::new(), Vec::new(), Vec::new());
+        let mut free = Vec::with_capacity(near);
+        let (mut candidates, mut movable) = (Vec::with_capacity(near), Vec::with_capacity(near));
         for (port, state) in v.neighbours.states().filter(|(_, s)| !v.neighbours.is_dead(s.id)) {
             let cells: Vec<Cell> = v.setup.occupied(state.pose).collect();
             let soon = v.locks.grant_of(port).map_or(state.pose, |g| Pose { posture: g.ends, ..g.pose });
@@ -77,7 +85,8 @@ impl<'a> Scene<'a> {
         movable.sort_by_key(|(id, _)| *id);
         let mut built = fixed;
         let fixed = [&stays[..], &blocked].concat();
-        let mut taken = fixed.clone();
+        let mut taken = Vec::with_capacity(fixed.len() + near * ROOM);
+        taken.extend(&fixed);
         taken.extend(free.iter().flat_map(|o| &o.cells));
         taken.extend(v.locks.cells(v.setup));
         let seeds = || v.setup.seeds(own.task).map(|(_, s)| s);
@@ -87,7 +96,8 @@ impl<'a> Scene<'a> {
             let (x, y) = s.foot;
             ((min.0.min(x), min.1.min(y)), (max.0.max(x), max.1.max(y)))
         });
-        Scene { v, stays, fixed, movable, free, candidates, taken, built, zone }
+        let (around, beside) = (OnceCell::new(), OnceCell::new());
+        Scene { v, stays, fixed, movable, free, candidates, taken, built, zone, around, beside }
     }
 
     /// All cells with something in them.
@@ -110,7 +120,10 @@ impl<'a> Scene<'a> {
     pub fn planned(&self, number: u8) -> Vec<Cell> {
         let before = self.v.goal().before(number).without(self.v.own.filled);
         let seeds = before.iter().filter_map(|s| self.seed(s));
-        self.fixed.iter().copied().chain(seeds.flat_map(|s| s.cells())).collect()
+        let mut planned = Vec::with_capacity(self.fixed.len() + before.len() * ROOM);
+        planned.extend(&self.fixed);
+        planned.extend(seeds.flat_map(|s| s.cells()));
+        planned
     }
     /// Returns true if all unfilled seeds that come before this one can still be reached after it has been filled.
     pub fn keeps_open(&self, number: u8) -> bool {
@@ -126,41 +139,16 @@ impl<'a> Scene<'a> {
     }
 
     /// Whether a connector is more than `by` cells away from those of the seeds.
-    fn is_beyond(&self, x: i16, y: i16, by: i16) -> bool {
+    pub fn is_beyond(&self, x: i16, y: i16, by: i16) -> bool {
         let (min, max) = self.zone;
         // Without a seed everything is beyond.
         let beyond = |v: i16, min: i16, max: i16| v < min.saturating_sub(by) || v > max.saturating_add(by);
         beyond(x, min.0, max.0) || beyond(y, min.1, max.1)
     }
-    /// Whether a metamodule in `pose` is outside the zone: the goal and one cell around it.
-    pub fn is_outside_zone(&self, pose: Pose) -> bool {
-        self.v.motions().cells(pose).iter().all(|c| self.is_beyond(c.x, c.y, 1))
-    }
-    /// True if this metamodule in `pose` is outside the zone, and can still get away from there once the whole
-    /// goal is built, even if no free neighbour moves any more. The second matters because a metamodule beside
-    /// the zone may need room that the goal will take.
-    pub fn is_safe(&self, pose: Pose) -> bool {
-        let mut taken = self.built.clone();
-        taken.extend(self.free.iter().flat_map(|o| self.v.motions().cells(o.soon)));
-        self.is_outside_zone(pose) && !self.v.ground(&taken).is_shut_in(pose)
-    }
-    /// Returns true if another metamodule would be safe, in the sense of [`Scene::is_safe`], with this one in `me`.
-    pub fn is_safe_beside(&self, other: &Other, me: Pose) -> bool {
-        let motions = self.v.motions();
-        let others = self.free.iter().filter(|o| o.id != other.id);
-        let others = others.map(|o| o.soon).chain([me]).flat_map(|pose| motions.cells(pose));
-        let taken: Vec<Cell> = self.built.iter().copied().chain(others).collect();
-        self.is_outside_zone(other.soon) && !self.v.ground(&taken).is_shut_in(other.soon)
-    }
-    /// Whether this metamodule in `me` is safe and leaves all others as safe as they are.
-    pub fn is_non_blocking(&self, me: Pose) -> bool {
-        self.is_safe(me) && !self.shuts_in(me)
-    }
-    /// Whether another metamodule that is safe now would not be if this one stood in `me`.
-    fn shuts_in(&self, me: Pose) -> bool {
-        self.free.iter().any(|o| !self.is_safe_beside(o, me) && self.is_safe_beside(o, self.v.own.pose))
-    }
 }
+
+/// Number of cells for which there is room at first for each metamodule: those of its body, and of a motion.
+pub(super) const ROOM: usize = 16;
 
 /// Returns a hash of a set of cells, which does not depend on their order.
 pub(super) fn fingerprint(cells: &[Cell]) -> u64 {

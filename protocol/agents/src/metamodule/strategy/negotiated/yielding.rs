@@ -5,13 +5,15 @@ use super::corridor::Corridor;
 use super::scene::{Other, Scene};
 use crate::metamodule::message::{Claim, Rank};
 use crate::metamodule::plan::{Aim, Plan};
-use crate::metamodule::planning::paths::{Ground, Route};
+use crate::metamodule::planning::nearby::Nearby;
+use crate::metamodule::planning::paths::Route;
 use crate::metamodule::pose::Pose;
 use crate::metamodule::strategy::context::Context;
 use metamorph_core::coverage::{CoveragePoint, hit};
 use metamorph_core::digest::Portable;
 use metamorph_core::lattice::Cell;
 use metamorph_core::time::Time;
+use std::collections::BTreeMap;
 use std::hash::Hash;
 
 /// Largest number of doublings of the time for which a metamodule counts as blocked.
@@ -151,34 +153,38 @@ fn route_aside(scene: &Scene<'_>, rank: Rank) -> Option<Route> {
     let (v, corridor) = (scene.v, scene.corridor(rank));
     let (motions, pose) = (v.motions(), v.own.pose);
     let is_clear = |pose: Pose| corridor.is_clear_of(&motions.cells(pose));
-    let is_non_blocking = |pose: Pose| is_clear(pose) && scene.is_non_blocking(pose);
+    // Asked on both grounds.
+    let mut known: BTreeMap<Pose, bool> = BTreeMap::new();
+    let mut is_non_blocking =
+        |pose: Pose| is_clear(pose) && *known.entry(pose).or_insert_with(|| scene.is_non_blocking(pose));
     // A segment sweeps the cells of one route of many to its end. A body that is clear of all ends may be avoided.
     let ends = scene.ends_of_ways(rank);
     let is_past = |pose: Pose| !motions.cells(pose).iter().any(|cell| ends.contains(cell));
-    let past = |ground: &Ground<'_>| ground.aside(pose, is_past).filter(|route| !route.is_over());
+    let past = |nearby: &mut Nearby<'_>| nearby.find(is_past).filter(|route| !route.is_over());
     // More important metamodules do not make way.
     let is_firm = |o: &&Other| o.path.is_some_and(|w| (w.rank, o.id) < (rank, v.own.id));
     let firm = scene.free.iter().filter(is_firm).flat_map(|o| o.cells.iter().copied());
     let firm: Vec<Cell> = scene.fixed.iter().copied().chain(firm).collect();
     let (free, firm) = (v.ground(&scene.taken), v.ground(&firm));
-    free.aside(pose, is_non_blocking)
-        .or_else(|| firm.aside(pose, is_non_blocking))
-        .or_else(|| free.aside(pose, is_clear))
-        .or_else(|| firm.aside(pose, is_clear))
-        .or_else(|| past(&free).or_else(|| past(&firm)))
-        .or_else(|| let_by(scene, rank, &free))
+    let (mut free, mut firm) = (Nearby::new(&free, pose), Nearby::new(&firm, pose));
+    free.find(&mut is_non_blocking)
+        .or_else(|| firm.find(&mut is_non_blocking))
+        .or_else(|| free.find(is_clear))
+        .or_else(|| firm.find(is_clear))
+        .or_else(|| past(&mut free).or_else(|| past(&mut firm)))
+        .or_else(|| let_by(scene, rank, &mut free))
 }
 
 /// Returns the route to the nearest place where this metamodule can stay because the most important claimant, of a rank
 /// above `rank`, then has some other route to its seed.
-fn let_by(scene: &Scene<'_>, rank: Rank, ground: &Ground<'_>) -> Option<Route> {
+fn let_by(scene: &Scene<'_>, rank: Rank, nearby: &mut Nearby<'_>) -> Option<Route> {
     let v = scene.v;
     let claims = |o: &Other| o.claim.filter(|c| o.path.is_some_and(|w| w.rank == Rank::of_seed(c.seed)));
     let claims = scene.free.iter().filter_map(|o| Some((claims(o)?.seed, o.pose)));
     let (number, from) = claims.min_by_key(|(seed, _)| *seed).filter(|(s, _)| Rank::of_seed(*s) < rank)?;
     let (seed, planned) = (scene.seed(number)?, scene.planned(number));
     let mut left = MOST_LET_BY;
-    let route = ground.aside(v.own.pose, |pose| {
+    let route = nearby.find(|pose| {
         let may_look = left > 0;
         left = left.saturating_sub(1);
         let fixed = [&planned[..], &v.motions().cells(pose)].concat();
