@@ -139,6 +139,13 @@ pub trait Agent: Sized + Send + Sync + 'static {
     /// [`crate::digest`]), without caches, wake-up times and outputs.
     fn digest(&self, hasher: &mut dyn Hasher);
 
+    /// Reads the memory that the next message on a port will need, and changes nothing. Returns a value that depends on all that
+    /// was read. A simulation of many agents calls this some messages ahead: most of these reads miss the cache, and overlapping
+    /// misses take about as long as one. Reads nothing by default.
+    fn look_ahead(&self, _port: Port) -> u64 {
+        0
+    }
+
     /// Returns a summary of the state, for viewers and journals.
     fn summary(&self, _now: Time) -> Summary {
         Summary::default()

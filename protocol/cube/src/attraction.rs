@@ -10,7 +10,7 @@ mod face_field;
 use super::message::{Beacon, Entry, Role};
 use super::view::View;
 use core::hash::Hash;
-use face_field::{FaceField, Limits, MAX_RECORDS, Offer, newer};
+use face_field::{FaceField, Limits, Offer, newer};
 use metamorph_core::coverage::{CoveragePoint, hit};
 use metamorph_core::defects::Defect;
 use metamorph_core::digest::Portable;
@@ -94,6 +94,11 @@ impl Attraction {
         }
     }
 
+    /// Reads the memory that the next step will need; see [`Agent::look_ahead`](metamorph_core::agent::Agent).
+    pub fn look_ahead(&self) -> u64 {
+        let faces = self.faces.iter().fold(0, |read, face| read ^ u64::from(face.value().source));
+        faces ^ self.expires.0
+    }
     /// Starts over with another goal.
     pub fn on_goal(&mut self) {
         self.unfilled_since = [None; 6];
@@ -265,7 +270,7 @@ impl Attraction {
         if due || is_other || v.own.restarted || self.corners_until.iter().any(is_free_again) {
             return ALL_FACES;
         }
-        let is_full = |f: &Face| self.faces[f.index()].records.len() == MAX_RECORDS;
+        let is_full = |f: &Face| self.faces[f.index()].is_full();
         Face::mask(Face::ALL.into_iter().filter(is_full))
     }
 

@@ -12,12 +12,11 @@ use metamorph_core::time::{Span, Time};
 /// further delay.
 const MUCH_CLOSER: u16 = 8;
 
-/// State of the beacons sent over one face.
+/// When beacons are sent over one face.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Sender {
-    /// The last beacon sent in this session.
-    sent: Option<Beacon>,
-    sent_at: Time,
+    /// When the last beacon of this session was sent; `None` if there is none.
+    sent_at: Option<Time>,
     sequence: u32,
     /// True if the state of the module may have changed since a beacon was last composed.
     stale: bool,
@@ -53,22 +52,22 @@ struct Timed {
 }
 
 impl Sender {
-    const NEW: Sender = Sender {
-        sent: None,
-        sent_at: Time::ZERO,
-        sequence: 0,
-        stale: true,
-        later: None,
-        composed_from: None,
-    };
+    const NEW: Sender = Sender { sent_at: None, sequence: 0, stale: true, later: None, composed_from: None };
 
     /// Returns when a beacon has to be sent, and with which class.
     ///
     /// That a module has died is no news. It is told with the next beacon that is sent for another reason, at the latest after a
     /// heartbeat, which is soon enough; a wave of beacons over the whole body would restart the wait of every distance.
-    fn judge(&self, now: Time, beacon: &Beacon, advertise: Span, heartbeat: Span) -> Due {
-        let age = now.since(self.sent_at);
-        let Some(sent) = &self.sent else { return Due::Now(Class::Liveness) };
+    fn judge(
+        &self,
+        now: Time,
+        sent: Option<&Beacon>,
+        beacon: &Beacon,
+        advertise: Span,
+        heartbeat: Span,
+    ) -> Due {
+        let (Some(sent), Some(sent_at)) = (sent, self.sent_at) else { return Due::Now(Class::Liveness) };
+        let age = now.since(sent_at);
         let before = &Beacon { knows_of_death: beacon.knows_of_death, ..sent.repeating(beacon) };
         if before == beacon {
             return if age < heartbeat { Due::Never } else { Due::Now(Class::Liveness) };
@@ -77,7 +76,7 @@ impl Sender {
         if class == Class::Gradient {
             let wait = news_delay(before, beacon, advertise).min(heartbeat);
             if age < wait {
-                return Due::At(self.sent_at + wait);
+                return Due::At(sent_at + wait);
             }
         }
         Due::Now(class)
@@ -86,32 +85,37 @@ impl Sender {
     /// Returns true if a beacon composed now would not be sent yet: its inputs are the same as last time, and either
     /// the heartbeat is not due or the change that it carries can still wait.
     fn would_wait(&self, now: Time, from: Timed, heartbeat: Span) -> bool {
-        let waits = match self.later {
-            None => now.since(self.sent_at) < heartbeat,
+        let waits = |sent_at: Time| match self.later {
+            None => now.since(sent_at) < heartbeat,
             Some(later) => now < later,
         };
-        self.sent.is_some() && self.composed_from == Some(from) && waits
+        self.composed_from == Some(from) && self.sent_at.is_some_and(waits)
     }
 
     /// Returns the time before which no beacon needs to be composed; zero if none has been sent in this session.
     fn due_at(&self, advertise: Span, heartbeat: Span) -> Time {
-        if self.sent.is_none() {
-            return Time::ZERO;
-        }
+        let Some(sent_at) = self.sent_at else { return Time::ZERO };
         let again = if self.stale { advertise } else { heartbeat };
-        (self.sent_at + again).min(self.later.unwrap_or(Time::NEVER))
+        (sent_at + again).min(self.later.unwrap_or(Time::NEVER))
     }
 }
 
-/// The beacons of a module, face by face.
+/// The beacons of a module, face by face. Every step asks when the next one is due, and few send one: the beacons sent last are
+/// kept apart, so that the times of all faces lie side by side in memory.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Beacons {
     senders: [Sender; 6],
+    /// The last beacon sent in this session.
+    sent: [Option<Beacon>; 6],
 }
 
 impl Beacons {
     pub fn new() -> Beacons {
-        Beacons { senders: [Sender::NEW; 6] }
+        Beacons { senders: [Sender::NEW; 6], sent: [None; 6] }
+    }
+    /// Reads the memory that the next step will need; see [`Agent::look_ahead`](metamorph_core::agent::Agent).
+    pub fn look_ahead(&self) -> u64 {
+        self.senders.iter().fold(0, |read, sender| read ^ u64::from(sender.sequence))
     }
     /// Returns the number of beacons sent in the present session of a face.
     pub fn sequence(&self, face: Face) -> u32 {
@@ -119,8 +123,7 @@ impl Beacons {
     }
     /// Begins a session on a face, or ends it.
     pub fn on_contact(&mut self, face: Face) {
-        let sender = &mut self.senders[face.index()];
-        *sender = Sender { sent_at: sender.sent_at, ..Sender::NEW };
+        (self.senders[face.index()], self.sent[face.index()]) = (Sender::NEW, None);
     }
     /// Makes the next step compare all beacons with those sent last.
     pub fn invalidate(&mut self) {
@@ -157,9 +160,10 @@ impl Cube {
             }
             let common = common.get_or_insert_with(|| self.compose_common(now));
             let mut beacon = self.compose(now, face, common);
-            let sender = &mut self.beacons.senders[face.index()];
+            let Beacons { senders, sent } = &mut self.beacons;
+            let (sender, sent) = (&mut senders[face.index()], &mut sent[face.index()]);
             (sender.stale, sender.composed_from) = (false, Some(timed));
-            let class = match sender.judge(now, &beacon, advertise, heartbeat) {
+            let class = match sender.judge(now, sent.as_ref(), &beacon, advertise, heartbeat) {
                 Due::Now(class) => class,
                 Due::Never => {
                     sender.later = None;
@@ -173,7 +177,7 @@ impl Cube {
             sender.later = None;
             sender.sequence += 1;
             (beacon.sequence, beacon.spoken) = (sender.sequence, self.own.params().stamp(now));
-            (sender.sent, sender.sent_at) = (Some(beacon), now);
+            (*sent, sender.sent_at) = (Some(beacon), Some(now));
             self.out.send(&self.sides, face, class, Message::Beacon(beacon));
         }
     }
@@ -183,9 +187,9 @@ impl Cube {
     fn assert_waits(&self, now: Time, face: Face) {
         let (advertise, heartbeat) = (self.own.params().advertise, self.own.params().heartbeat);
         let beacon = self.compose(now, face, &self.compose_common(now));
-        let sender = &self.beacons.senders[face.index()];
+        let (sender, sent) = (&self.beacons.senders[face.index()], &self.beacons.sent[face.index()]);
         let expected = sender.later.map_or(Due::Never, Due::At);
-        let due = sender.judge(now, &beacon, advertise, heartbeat);
+        let due = sender.judge(now, sent.as_ref(), &beacon, advertise, heartbeat);
         assert_eq!(due, expected, "a beacon was not composed and would differ");
     }
 

@@ -320,6 +320,11 @@ impl Agent for Cube {
         self.digest_state(hasher);
     }
 
+    fn look_ahead(&self, port: Port) -> u64 {
+        let Cube { own, sides, attraction, beacons, .. } = self;
+        own.settled.0 ^ self.wake.0 ^ sides.look_ahead(port) ^ attraction.look_ahead() ^ beacons.look_ahead()
+    }
+
     fn summary(&self, now: Time) -> Summary {
         let role = match self.own.role {
             Role::Reserve => "reserve",

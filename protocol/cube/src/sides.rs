@@ -8,7 +8,7 @@ use super::epoch::Epoch;
 use super::message::{Beacon, Role};
 use core::hash::Hash;
 use metamorph_core::digest::Portable;
-use metamorph_core::ids::Session;
+use metamorph_core::ids::{Port, Session};
 use metamorph_core::lattice::Face;
 use metamorph_core::time::{Span, Time};
 
@@ -63,6 +63,12 @@ impl Sides {
         let i = face.index();
         let peer = self.peers[i].as_ref().map(|beacon| (beacon, self.heard_at[i]));
         (self.sessions[i], peer, self.is_certified_dead(face), self.died_final[i]).hash(hasher);
+    }
+    /// Reads the memory that a beacon from a neighbour will need; see [`Agent::look_ahead`](metamorph_core::agent::Agent).
+    pub fn look_ahead(&self, port: Port) -> u64 {
+        let peer = self.peers.get(port.index()).and_then(Option::as_ref);
+        let peer = peer.map_or(0, |beacon| u64::from(beacon.field[3].source) ^ u64::from(beacon.spoken));
+        u64::from(self.masks.heard) ^ self.heard_at[0].0 ^ peer
     }
     pub fn session(&self, face: Face) -> Option<Session> {
         self.sessions[face.index()]

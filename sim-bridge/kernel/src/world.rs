@@ -50,6 +50,12 @@ pub trait World {
     /// default, for worlds without changes.
     fn digest(&self, _hasher: &mut dyn Hasher) {}
 
+    /// Reads the memory of a body that an audit of its module needs, as [`Agent::look_ahead`] does for an agent. Reads nothing by
+    /// default.
+    fn look_ahead(&self, _id: ModuleId) -> u64 {
+        0
+    }
+
     /// Returns what bodies sensed, in order.
     fn poll(&mut self) -> Option<(ModuleId, Sensed<<Self::Agent as Agent>::Percept>)>;
 }

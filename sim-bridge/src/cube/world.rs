@@ -29,12 +29,21 @@ struct MotionInProgress {
     fails: bool,
 }
 
-#[derive(Clone, Debug, Hash)]
+#[derive(Clone, Debug)]
 struct Body {
     cell: Cell,
     ports: Ports<[Option<Contact>; 6]>,
     under_way: Option<MotionInProgress>,
     stuck: bool,
+    /// The audit key of the module when it was last audited and found sound; no part of the state of the world.
+    audited: Option<AuditKey>,
+}
+
+impl Hash for Body {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        let Body { cell, ports, under_way, stuck, audited: _ } = self;
+        (cell, ports, under_way, stuck).hash(state);
+    }
 }
 
 /// Counts of the bodies' moves.
@@ -62,8 +71,6 @@ pub struct CubeWorld {
     pub(super) queue: BodyQueue<Percept>,
     move_time: Span,
     motions: MotionCounts,
-    /// For each module, its audit key when it was last audited and found sound.
-    audited: Vec<Option<AuditKey>>,
     pub(super) announced: Announced,
     /// For each module, the number of the last search that reached it, and the index of the start that it was reached
     /// from (see `neighbours_connected`).
@@ -80,7 +87,6 @@ impl CubeWorld {
             queue: BodyQueue::new(seed),
             move_time,
             motions: MotionCounts::default(),
-            audited: vec![None; cells.len()],
             announced: Announced::default(),
             marks: vec![(0, 0); cells.len()],
             search: 0,
@@ -96,6 +102,7 @@ impl CubeWorld {
                 ports: Ports::new([None; 6]),
                 under_way: None,
                 stuck: false,
+                audited: None,
             });
         }
         for i in 0..cells.len() {
@@ -170,14 +177,14 @@ impl CubeWorld {
     }
     /// Returns true if a module was like this when it was audited last, and found sound.
     pub(super) fn is_audited(&self, id: ModuleId, key: &AuditKey) -> bool {
-        self.audited[id.index()].as_ref() == Some(key)
+        self.bodies[id.index()].audited.as_ref() == Some(key)
     }
     pub(super) fn note_audit(&mut self, id: ModuleId, key: AuditKey) {
-        self.audited[id.index()] = Some(key);
+        self.bodies[id.index()].audited = Some(key);
     }
     /// Makes the next audit of a module check it again.
     pub(super) fn forget_audit(&mut self, id: ModuleId) {
-        self.audited[id.index()] = None;
+        self.bodies[id.index()].audited = None;
     }
 
     fn set_contact(&mut self, id: ModuleId, face: Face, contact: Option<Contact>, tell: bool) {
@@ -326,11 +333,17 @@ impl World for CubeWorld {
     fn digest(&self, hasher: &mut dyn Hasher) {
         let mut hasher = Portable::new(hasher);
         for body in &self.bodies {
-            let Body { cell, ports, under_way, stuck } = body;
+            let Body { cell, ports, under_way, stuck, audited: _ } = body;
             (cell, ports, stuck).hash(&mut hasher);
             under_way.map(|MotionInProgress { motion, fails }| (motion, fails)).hash(&mut hasher);
         }
         self.queue.hash(&mut hasher);
+    }
+
+    fn look_ahead(&self, id: ModuleId) -> u64 {
+        let body = &self.bodies[id.index()];
+        let audited = body.audited.map_or(0, |key| u64::from(key.revision().0));
+        body.cell.x as u64 ^ audited
     }
 
     fn poll(&mut self) -> Option<(ModuleId, Sensed<Percept>)> {

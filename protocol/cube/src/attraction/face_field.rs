@@ -8,10 +8,10 @@ use metamorph_core::coverage::{CoveragePoint, hit};
 use metamorph_core::time::{Span, Time};
 
 /// The largest number of sources remembered per face.
-pub(super) const MAX_RECORDS: usize = 16;
+const MAX_RECORDS: usize = 16;
 
 /// Stored values of one source.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Record {
     source: u32,
     version: u16,
@@ -44,21 +44,33 @@ pub(super) struct Limits {
 }
 
 /// The value of one face and the memory behind it.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub(super) struct FaceField {
     value: Entry,
     /// `Offer::via` of the chosen offer; 255 if none was chosen.
     pub via: u8,
     /// The index of the record of the value's source, if an offer was chosen.
     chosen: u8,
-    pub records: Vec<Record>,
+    /// That record. It is kept here, and not in `records`, because most offers are of the source that is followed already, and
+    /// in a large swarm each look at the heap waits for the memory.
+    current: Record,
+    /// The records of all sources; the one of `current` is outdated.
+    records: Vec<Record>,
 }
 
+impl PartialEq for FaceField {
+    fn eq(&self, other: &FaceField) -> bool {
+        self.parts() == other.parts() && self.records().eq(other.records())
+    }
+}
+
+impl Eq for FaceField {}
+
 impl Hash for FaceField {
-    /// Leaves out `chosen`, which follows from the other fields.
     fn hash<H: Hasher>(&self, hasher: &mut H) {
-        let FaceField { value, via, chosen: _, records } = self;
-        (value, via, records).hash(hasher);
+        self.parts().hash(hasher);
+        self.records.len().hash(hasher);
+        self.records().for_each(|record| record.hash(hasher));
     }
 }
 
@@ -69,7 +81,33 @@ pub(super) fn newer(a: u16, b: u16) -> bool {
 
 impl FaceField {
     pub fn new() -> FaceField {
-        FaceField { value: Entry::NONE, via: u8::MAX, chosen: 0, records: Vec::new() }
+        let current = Record { source: 0, version: 0, feasible: 0, first: Time::ZERO, used: Time::ZERO };
+        FaceField { value: Entry::NONE, via: u8::MAX, chosen: 0, current, records: Vec::new() }
+    }
+
+    /// Returns the state without its memory.
+    fn parts(&self) -> (Entry, u8) {
+        (self.value, self.via)
+    }
+    /// Returns the record that is kept apart, if an offer was chosen.
+    fn current(&self) -> Option<&Record> {
+        (self.via != u8::MAX).then_some(&self.current)
+    }
+    /// Iterates over the records of all sources.
+    fn records(&self) -> impl Iterator<Item = &Record> {
+        let current = self.current();
+        let chosen = usize::from(self.chosen);
+        let up_to_date = move |(i, record)| current.filter(|_| i == chosen).unwrap_or(record);
+        self.records.iter().enumerate().map(up_to_date)
+    }
+    /// Returns the record of a source.
+    fn record(&self, source: u32) -> Option<&Record> {
+        let current = self.current().filter(|record| record.source == source);
+        current.or_else(|| self.records.iter().find(|record| record.source == source))
+    }
+    /// Returns true if no other source can be remembered.
+    pub fn is_full(&self) -> bool {
+        self.records.len() == MAX_RECORDS
     }
 
     pub fn value(&self) -> Entry {
@@ -79,8 +117,19 @@ impl FaceField {
     /// Sets a value that comes from no offer. Returns true if the value changed.
     pub fn set(&mut self, value: Entry) -> bool {
         let changed = self.value != value;
-        (self.value, self.via, self.chosen) = (value, u8::MAX, 0);
+        self.put_back();
+        self.value = value;
         changed
+    }
+
+    /// Puts the record that is kept apart back among the others.
+    fn put_back(&mut self) {
+        if let Some(current) = self.current().copied()
+            && let Some(record) = self.records.get_mut(usize::from(self.chosen))
+        {
+            *record = current;
+        }
+        self.via = u8::MAX;
     }
 
     /// Chooses the nearest feasible offer. Returns true if the value changed.
@@ -99,28 +148,23 @@ impl FaceField {
             }
         }
         let Some((distance, offer)) = best else { return self.set(Entry::NONE) };
-        let Some(chosen) = self.remember(now, limits, distance, &offer) else {
+        if !self.remember(now, limits, distance, &offer) {
             return self.set(Entry::NONE);
-        };
+        }
         let value = Entry { distance, ..offer.entry };
         let changed = self.value != value;
-        (self.value, self.via, self.chosen) = (value, offer.via, chosen);
+        (self.value, self.via) = (value, offer.via);
         changed
     }
 
     /// Notes that the same choice has been made again.
     pub fn renew(&mut self, now: Time) {
-        if self.via != u8::MAX
-            && let Some(record) = self.records.get_mut(usize::from(self.chosen))
-        {
-            record.used = now;
-        }
+        // Outdated if no offer was chosen, which does no harm.
+        self.current.used = now;
     }
 
     fn feasible(&self, now: Time, limits: Limits, offer: &Offer) -> bool {
-        let Some(record) = self.records.iter().find(|r| r.source == offer.entry.source) else {
-            return true;
-        };
+        let Some(record) = self.record(offer.entry.source) else { return true };
         let version = offer.entry.version;
         if newer(version, record.version) || limits.accept_stale {
             return true;
@@ -136,21 +180,32 @@ impl FaceField {
         current && fresh && closer
     }
 
-    /// Notes the choice and returns the index of its record; `None` if there is no room to remember its
-    /// source.
-    fn remember(&mut self, now: Time, limits: Limits, distance: u16, offer: &Offer) -> Option<u8> {
+    /// Notes the choice, and keeps the record of its source apart. Returns false if there is no room to remember its source.
+    fn remember(&mut self, now: Time, limits: Limits, distance: u16, offer: &Offer) -> bool {
         let (source, version) = (offer.entry.source, offer.entry.version);
-        if let Some(i) = self.records.iter().position(|r| r.source == source) {
-            let record = &mut self.records[i];
-            if record.version == version {
-                record.feasible = record.feasible.min(distance);
-            } else {
-                (record.version, record.feasible, record.first) = (version, distance, now);
-            }
-            record.used = now;
-            return Some(i as u8);
+        if self.current().is_none_or(|record| record.source != source) {
+            self.put_back();
+            let new = Record { source, version, feasible: distance, first: now, used: now };
+            let Some(chosen) = self.place_of(now, limits, new) else { return false };
+            (self.chosen, self.current) = (chosen as u8, self.records[chosen]);
         }
-        if self.records.len() == MAX_RECORDS {
+        let record = &mut self.current;
+        if record.version == version {
+            record.feasible = record.feasible.min(distance);
+        } else {
+            (record.version, record.feasible, record.first) = (version, distance, now);
+        }
+        record.used = now;
+        true
+    }
+
+    /// Returns the index of the record of a source, which is `new` if there was none; `None` if there is no room for it.
+    fn place_of(&mut self, now: Time, limits: Limits, new: Record) -> Option<usize> {
+        let known = self.records.iter().position(|record| record.source == new.source);
+        if known.is_some() {
+            return known;
+        }
+        if self.is_full() {
             let oldest = (0..MAX_RECORDS).min_by_key(|i| self.records[*i].used);
             match oldest {
                 Some(i) if now.since(self.records[i].used) > limits.hold * 2 => {
@@ -163,21 +218,18 @@ impl FaceField {
                 }
             }
         }
-        self.records.push(Record { source, version, feasible: distance, first: now, used: now });
-        Some(self.records.len() as u8 - 1)
+        self.records.push(new);
+        Some(self.records.len() - 1)
     }
 
     /// Returns when the version of the current value was first heard.
     pub fn heard(&self) -> Time {
-        self.records.iter().find(|r| r.source == self.value.source).map_or(Time::NEVER, |r| r.first)
+        self.record(self.value.source).map_or(Time::NEVER, |record| record.first)
     }
 
     /// Returns when the current value ceases to be usable unless it is renewed.
     pub fn expires(&self, hold: Span) -> Time {
-        if self.via == u8::MAX {
-            return Time::NEVER;
-        }
-        self.records.get(usize::from(self.chosen)).map_or(Time::NEVER, |r| r.first + hold + Span(1))
+        self.current().map_or(Time::NEVER, |record| record.first + hold + Span(1))
     }
 }
 
@@ -232,8 +284,8 @@ mod tests {
         face.choose(Time(20), LIMITS, &[offer(1, 99, 1, 0)]);
         assert!(!face.value().is_known(), "no room for another source");
         face.choose(Time(201), LIMITS, &[offer(1, 99, 1, 0)]);
-        assert!(face.value().is_known() && face.records.len() == MAX_RECORDS);
-        assert!(face.records.iter().all(|r| r.source != 0));
+        assert!(face.value().is_known() && face.is_full());
+        assert!(face.records().all(|record| record.source != 0));
     }
 
     #[test]

@@ -298,15 +298,17 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         };
         let mut read = 0;
         for parcel in parcels(AT_HAND) {
-            read ^= parcel.to.0;
+            read ^= u64::from(parcel.to.0);
         }
         for parcel in parcels(0) {
             let first = parcel.to.index() * W::Agent::PORTS;
             // Every other one, since two lie within a line of the cache.
             for link in self.links[first..first + W::Agent::PORTS].iter().step_by(2).take(LINES) {
-                read ^= link.state.last.0 as u32;
+                read ^= link.state.last.0;
             }
-            read ^= self.modules[parcel.to.index()].revision.0;
+            let module = &self.modules[parcel.to.index()];
+            read ^= u64::from(module.revision.0) ^ self.world.look_ahead(parcel.to);
+            read ^= module.agent.as_ref().map_or(0, |agent| agent.agent().look_ahead(parcel.port));
         }
         std::hint::black_box(read);
     }
