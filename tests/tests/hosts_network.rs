@@ -59,7 +59,7 @@ fn a_cluster_of_empty_machines_is_started_over_ssh() {
     };
     let hosts = site.text("hosts.toml");
     let cluster = |action: &str| site.run(&["cluster", action, &hosts]);
-    let ran = cluster("up");
+    let ran = site.run(&["cluster", "up", &hosts, "--metrics", "9100"]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
     for part in
         ["h2: a new certificate", "program copied, keys copied, daemon started", "serves no run, room for"]
@@ -74,7 +74,8 @@ fn a_cluster_of_empty_machines_is_started_over_ssh() {
     let ran = site.run(&["run", &swarm, "--hosts", &hosts, "--json", &out, "--quiet"]);
     assert_eq!(ran.code, Some(0), "{ran:?}");
     assert_eq!(report(&fs::read_to_string(&out).unwrap()).outcome, "built");
-    assert!(cluster("logs").out.contains("is over: it is finished"));
+    let logs = cluster("logs").out;
+    assert!(logs.contains("is over: it is finished") && logs.matches(":9100/metrics").count() == 2, "{logs}");
     let ended = cluster("down");
     assert!(ended.code == Some(0) && ended.out == "h2: ended\nh3: ended\n", "{ended:?}");
     assert_eq!(cluster("status").code, Some(1));

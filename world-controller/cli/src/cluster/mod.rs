@@ -24,6 +24,7 @@ use thiserror::Error;
 const EXAMPLES: &str = "\
 Examples:
   metamorph cluster up hosts.toml              (keys, program and daemon on each machine, over ssh)
+  metamorph cluster up hosts.toml --metrics 9100
   metamorph run swarm --hosts hosts.toml
   metamorph cluster status hosts.toml
   metamorph cluster logs hosts.toml
@@ -76,6 +77,9 @@ pub struct ClusterArgs {
     /// Lines of each log
     #[arg(long, value_name = "N", default_value_t = 20)]
     pub lines: u32,
+    /// Serve the metrics of each daemon that `up` starts at this port of its machine; default: nowhere
+    #[arg(long, value_name = "PORT")]
+    pub metrics: Option<u16>,
 }
 
 /// Why daemons cannot be started, asked or ended.
@@ -123,6 +127,11 @@ pub enum ClusterError {
         /// The cause.
         error: io::Error,
     },
+    /// Two daemons on one machine are to serve metrics at one port.
+    #[error(
+        "--metrics: {0} and {1} are on one machine, {2}, where one port serves one of them\n  fix: leave --metrics out, or start one of the daemons yourself with `metamorph host --metrics`"
+    )]
+    OnePort(HostId, HostId, String),
     /// There is no job.
     #[error(
         "--slurm: this is not within a job of SLURM, since {0} is not set\n  fix: use salloc or sbatch, and give the command there"
@@ -140,10 +149,10 @@ impl CommandError for ClusterError {}
 
 /// Executes the action, and returns the exit code.
 fn cluster(args: &ClusterArgs) -> Result<u8, ClusterError> {
-    let ClusterArgs { action, file, slurm, days, lines } = args;
+    let ClusterArgs { action, file, slurm, days, lines, metrics } = args;
     let valid = Duration::from_secs(u64::from(*days) * 86_400);
     if *slurm && *action == Action::Up {
-        print_out(&slurm::up(file, valid)?.join("\n"));
+        print_out(&slurm::up(file, valid, *metrics)?.join("\n"));
         return status(file, START_WAIT_MAX);
     }
     let of_slurm = slurm::Steps::read(file);
@@ -154,7 +163,7 @@ fn cluster(args: &ClusterArgs) -> Result<u8, ClusterError> {
         (Action::Up, Some(_)) => Err(ClusterError::There(file.clone())),
         (action, None) => {
             let hosts = HostsFile::read(file)?;
-            let machines = ssh::machines(file, &hosts)?;
+            let machines = ssh::machines(file, &hosts, *metrics)?;
             match action {
                 Action::Up => {
                     for renewed in keys(&hosts, valid)? {
@@ -205,6 +214,12 @@ fn status(file: &Path, patience: Duration) -> Result<u8, ClusterError> {
     });
     print_out(&lines.join("\n"));
     Ok(if all { 0 } else { FAILED })
+}
+
+/// Returns the options of a daemon on a machine that serve its metrics at a port.
+fn metrics_of(machine: &str, port: Option<u16>) -> Vec<String> {
+    let address = port.map(|port| Address::Net { machine: machine.to_owned(), port }.to_string());
+    address.map_or(Vec::new(), |address| vec!["--metrics".to_owned(), address])
 }
 
 /// Returns the machine and the port of an address on a network.

@@ -1,7 +1,7 @@
 //! Daemons as steps of a job of SLURM: one on each node of the job but this one. The hosts file is written, and beside it, in a
 //! directory, keys, logs and the processes of `srun`.
 
-use super::ClusterError;
+use super::{ClusterError, metrics_of};
 use metamorph_console::stopwatch::wait_until;
 use metamorph_processes::swarm::make_keys;
 use metamorph_protocol::ids::HostId;
@@ -21,7 +21,7 @@ const END_WAIT_MAX: Duration = Duration::from_secs(15);
 const LISTENING: &str = "listening on ";
 
 /// Starts a daemon on each node of the job but this one, and writes the hosts file. Returns a line for each.
-pub fn up(file: &Path, valid: Duration) -> Result<Vec<String>, ClusterError> {
+pub fn up(file: &Path, valid: Duration, metrics: Option<u16>) -> Result<Vec<String>, ClusterError> {
     let steps = Steps::beside(file);
     if file.exists() || steps.directory.exists() {
         return Err(ClusterError::There(file.to_owned()));
@@ -56,6 +56,7 @@ pub fn up(file: &Path, valid: Duration) -> Result<Vec<String>, ClusterError> {
             .arg(&program)
             .args(["-v", "host", "--listen", &format!("{machine}:0"), "--name", &host.to_string(), "--keys"])
             .arg(&keys)
+            .args(metrics_of(machine, metrics))
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(log)

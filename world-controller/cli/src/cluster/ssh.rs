@@ -1,7 +1,7 @@
 //! Daemons on machines that are reached over `ssh`: the program of the system, so that its configuration, agents and jump hosts
 //! work. Each machine has a directory of its own below the home directory there.
 
-use super::{ClusterError, on_network};
+use super::{ClusterError, metrics_of, on_network};
 use metamorph_processes::swarm::HostsFile;
 use metamorph_protocol::ids::HostId;
 use metamorph_text::version::version;
@@ -27,16 +27,24 @@ pub struct Machine {
     login: String,
     /// The address on which the daemon listens.
     address: String,
+    /// The options with which it serves metrics.
+    metrics: Vec<String>,
 }
 
-/// Returns the machines of a hosts file.
-pub fn machines(file: &Path, hosts: &HostsFile) -> Result<Vec<Machine>, ClusterError> {
+/// Returns the machines of a hosts file, on which daemons serve metrics at a port.
+pub fn machines(file: &Path, hosts: &HostsFile, metrics: Option<u16>) -> Result<Vec<Machine>, ClusterError> {
     let each = (1u16..).map(HostId).zip(hosts.addresses.iter().zip(&hosts.ssh));
-    each.map(|(host, (address, ssh))| {
+    let mut machines: Vec<Machine> = Vec::new();
+    for (host, (address, ssh)) in each {
         let (machine, _) = on_network(file, host, address)?;
-        Ok(Machine { host, login: ssh.clone().unwrap_or(machine), address: address.to_string() })
-    })
-    .collect()
+        let metrics = metrics_of(&machine, metrics);
+        if let Some(other) = machines.iter().find(|other| !metrics.is_empty() && other.metrics == metrics) {
+            return Err(ClusterError::OnePort(other.host, host, machine));
+        }
+        let login = ssh.clone().unwrap_or(machine);
+        machines.push(Machine { host, login, address: address.to_string(), metrics });
+    }
+    Ok(machines)
 }
 
 /// Does something on all machines at the same time. Returns what each says; an error is that of the first that has one.
@@ -81,9 +89,10 @@ impl Machine {
             done.push("keys copied");
         }
         let start = format!(
-            "{RUNS}; if runs; then echo runs; else setsid nohup ./metamorph -v host --listen {} --name {host} --keys keys \
+            "{RUNS}; if runs; then echo runs; else setsid nohup ./metamorph -v host --listen {} --name {host} --keys keys {} \
              >>log 2>&1 </dev/null & echo $! >pid; echo started; fi",
-            self.address
+            self.address,
+            self.metrics.join(" ")
         );
         done.push(if self.shell("starting the daemon", &start)?.contains("runs") {
             "it runs"
