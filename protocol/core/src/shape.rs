@@ -1,7 +1,6 @@
 //! Shapes as data: start bodies and goals.
 
 use crate::lattice::{Cell, Face};
-use alloc::collections::BTreeSet;
 use alloc::format;
 use alloc::vec;
 use alloc::vec::Vec;
@@ -299,14 +298,21 @@ fn cylinder(base: Cell, radius: Radius, height: u16, axis: Axis) -> Result<Vec<C
 
 /// Returns the connected parts of a set of cells in ascending order, each in ascending order.
 pub fn components(cells: &[Cell]) -> Vec<Vec<Cell>> {
-    let mut left: BTreeSet<Cell> = cells.iter().copied().collect();
+    let mut cells = cells.to_vec();
+    cells.sort_unstable();
+    cells.dedup();
+    let mut is_left = vec![true; cells.len()];
     let mut parts = Vec::new();
-    while let Some(first) = left.pop_first() {
-        let mut part = vec![first];
+    for (first, cell) in cells.iter().enumerate() {
+        if !core::mem::take(&mut is_left[first]) {
+            continue;
+        }
+        let mut part = vec![*cell];
         let mut next = 0;
         while next < part.len() {
             for neighbour in part[next].neighbours() {
-                if left.remove(&neighbour) {
+                let known = cells.binary_search(&neighbour);
+                if known.is_ok_and(|at| core::mem::take(&mut is_left[at])) {
                     part.push(neighbour);
                 }
             }

@@ -1,12 +1,11 @@
 //! Invariants of metamodules that involve agents and the world.
 
-use crate::metamodule::invariants::{ONE_HOLDER_PER_LOCK, one_holder_per_lock};
+use crate::metamodule::invariants::{HeldCells, ONE_HOLDER_PER_LOCK, one_holder_per_lock};
 use crate::metamodule::world::MetamoduleWorld;
 use metamorph_kernel::kernel::audited::{Agents, Audited};
 use metamorph_kernel::world::World;
 use metamorph_kernel::world::invariants::{MOVE_WITHIN_LEASE, Violation, move_within_lease};
 use metamorph_protocol::ids::ModuleId;
-use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::time::Time;
 
@@ -20,11 +19,7 @@ fn locks(
     found: &mut Vec<Violation>,
 ) {
     let held = |id| agents.get(id).into_iter().flat_map(move |a| a.held(agents.clock(id).local(now)));
-    let mut mine: Vec<Cell> = held(id).collect();
-    if mine.is_empty() {
-        return;
-    }
-    mine.sort_unstable();
+    let Some(mine) = HeldCells::of(held(id)) else { return };
     for other in (0..world.len() as u32).map(ModuleId).filter(|o| *o != id) {
         let theirs = held(other).chain(world.taken(other).iter().copied());
         if let Err(what) = one_holder_per_lock(&mine, theirs) {

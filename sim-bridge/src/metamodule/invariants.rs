@@ -87,9 +87,39 @@ pub fn attached(grips: &[bool]) -> Result<(), String> {
     }
 }
 
-/// Checks [`ONE_HOLDER_PER_LOCK`] for two metamodules: the cells that each holds locked, `mine` sorted.
-pub fn one_holder_per_lock(mine: &[Cell], mut theirs: impl Iterator<Item = Cell>) -> Result<(), String> {
-    match theirs.find(|c| mine.binary_search(c).is_ok()) {
+/// The cells that one metamodule holds locked, with the box around them: most cells of others lie outside.
+#[derive(Debug)]
+pub struct HeldCells {
+    cells: Vec<Cell>,
+    min: Cell,
+    max: Cell,
+}
+
+impl HeldCells {
+    /// Collects cells; `None` if there are none.
+    pub fn of(held: impl Iterator<Item = Cell>) -> Option<HeldCells> {
+        let mut cells = Vec::with_capacity(128);
+        cells.extend(held);
+        let first = *cells.first()?;
+        let fold = |pick: fn(i16, i16) -> i16| {
+            cells.iter().fold(first, |a, c| Cell::new(pick(a.x, c.x), pick(a.y, c.y), pick(a.z, c.z)))
+        };
+        let (min, max) = (fold(i16::min), fold(i16::max));
+        Some(HeldCells { cells, min, max })
+    }
+    fn has(&self, cell: Cell) -> bool {
+        let HeldCells { cells, min, max } = self;
+        let is_within = |at: i16, min: i16, max: i16| min <= at && at <= max;
+        is_within(cell.x, min.x, max.x)
+            && is_within(cell.y, min.y, max.y)
+            && is_within(cell.z, min.z, max.z)
+            && cells.contains(&cell)
+    }
+}
+
+/// Checks [`ONE_HOLDER_PER_LOCK`] for two metamodules: the cells that each holds locked.
+pub fn one_holder_per_lock(mine: &HeldCells, mut theirs: impl Iterator<Item = Cell>) -> Result<(), String> {
+    match theirs.find(|cell| mine.has(*cell)) {
         Some(cell) => Err(format!("both hold {cell}")),
         None => Ok(()),
     }
@@ -130,7 +160,9 @@ mod tests {
     #[test]
     fn one_holder_per_lock_fires() {
         let [a, b, c] = [0, 1, 2].map(|x| Cell::new(x, 0, 0));
-        assert!(one_holder_per_lock(&[a, b], [c].into_iter()).is_ok());
-        assert!(one_holder_per_lock(&[a, b], [c, b].into_iter()).is_err());
+        let mine = HeldCells::of([b, a].into_iter()).unwrap();
+        assert!(one_holder_per_lock(&mine, [c].into_iter()).is_ok());
+        assert!(one_holder_per_lock(&mine, [c, b].into_iter()).is_err());
+        assert!(HeldCells::of([].into_iter()).is_none());
     }
 }

@@ -187,7 +187,7 @@ pub fn bench(request: &Request) -> Result<u8, BenchError> {
         churn: None,
         hosts: None,
     };
-    channel.say(&text::machine(&results.machine));
+    channel.say(&text::machine(results.version, &results.machine));
     let mut live = Live::new(!request.quiet);
     let interrupt = Interrupt::listen().map_err(BenchError::Signals)?;
     if wanted(Name::Flood) {

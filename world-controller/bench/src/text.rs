@@ -15,10 +15,10 @@ use metamorph_text::format::{bytes, count, many, percent};
 use metamorph_text::paint::Paint;
 use metamorph_text::table::Table;
 
-/// Describes the machine.
-pub fn machine(m: &Machine) -> String {
+/// Describes the program and the machine.
+pub fn machine(version: &str, m: &Machine) -> String {
     format!(
-        "{}, {}, {}, Linux {}, load {:.1}\n",
+        "metamorph {version} on {}, {}, {}, Linux {}, load {:.1}\n",
         m.processor,
         many(m.processors as u64, "processor"),
         bytes(m.memory_bytes),
@@ -64,7 +64,7 @@ pub fn grown(run: &Run) -> String {
     let of_all = |reason| percent(walking.denied_for(reason));
     format!(
         "{}: {} in {} s, {} violations; {} moves, {} messages and {} attempts a move; {} of the walkers move; denied: {} \
-         occupied, {} reserved",
+         occupied, {} reserved; {} µs of a processor a message",
         many(run.modules, "module"),
         run.outcome,
         number(run.makespan_s),
@@ -74,8 +74,14 @@ pub fn grown(run: &Run) -> String {
         hundredths(walking.attempts_per_move),
         percent(walking.moving),
         of_all("occupied"),
-        of_all("reserved")
+        of_all("reserved"),
+        hundredths(micros(run.cpu_s, run.messages))
     )
+}
+
+/// Returns the processor time for each of a number of things, in microseconds.
+fn micros(cpu_s: f64, of: u64) -> f64 {
+    cpu_s * 1e6 / of.max(1) as f64
 }
 
 /// Formats a small number with two decimals.
@@ -97,7 +103,7 @@ pub fn growth(g: &Growth, paint: Paint) -> String {
         "moves",
         "at least",
     ]);
-    table.head(&["times", "messages", "a module", "a move", "cpu s"]);
+    table.head(&["times", "messages", "a module", "a move", "cpu s", "µs/message", "µs/cell"]);
     table.head(&["moving", "attempts", "occupied", "reserved", "other"]);
     for r in &g.rows {
         let denied = |reason| r.walking.denials.get(reason).copied().unwrap_or(0);
@@ -120,6 +126,8 @@ pub fn growth(g: &Growth, paint: Paint) -> String {
                 number(r.messages as f64 / r.modules as f64),
                 number(r.messages_per_move),
                 number(r.cpu_s),
+                hundredths(micros(r.cpu_s, r.messages)),
+                number(micros(r.cpu_s, r.goal)),
                 percent(r.walking.moving),
                 hundredths(r.walking.attempts_per_move),
                 count(occupied),

@@ -82,7 +82,7 @@ pub fn schema(of: Described) -> String {
 fn report() -> Value {
     let mut schema = written::<Report>();
     for (key, part) in families().all.iter().filter_map(|family| family.report_part()) {
-        schema["properties"][key] = json!({ "anyOf": [part, { "type": "null" }] });
+        schema["properties"][key] = json!({ "anyOf": [part(), { "type": "null" }] });
         if let Some(required) = schema["required"].as_array_mut() {
             required.push(json!(key));
         }

@@ -46,7 +46,7 @@ pub trait ScenarioFamily: Sync {
     fn schema(&self) -> FamilySchema;
     /// Returns the name and the JSON schema of the report field that only this family fills; `None` if there
     /// is no such field.
-    fn report_part(&self) -> Option<(&'static str, Value)> {
+    fn report_part(&self) -> Option<(&'static str, fn() -> Value)> {
         None
     }
     /// Returns true if its scenarios have at least one `[[goal]]`; otherwise they have none.

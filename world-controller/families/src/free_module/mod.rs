@@ -54,8 +54,8 @@ impl ScenarioFamily for FreeModuleFamily {
     fn schema(&self) -> FamilySchema {
         schema::schema()
     }
-    fn report_part(&self) -> Option<(&'static str, serde_json::Value)> {
-        Some((report::KEY, report::schema()))
+    fn report_part(&self) -> Option<(&'static str, fn() -> serde_json::Value)> {
+        Some((report::KEY, report::schema))
     }
 }
 

@@ -70,8 +70,8 @@ impl ScenarioFamily for MetamoduleFamily {
     fn schema(&self) -> FamilySchema {
         schema::schema()
     }
-    fn report_part(&self) -> Option<(&'static str, serde_json::Value)> {
-        Some((report::KEY, report::schema()))
+    fn report_part(&self) -> Option<(&'static str, fn() -> serde_json::Value)> {
+        Some((report::KEY, report::schema))
     }
     fn scenario_of(&self, drawing: &DrawnStructure<'_>) -> Option<Result<String, String>> {
         Some(drawn::scenario(drawing))
