@@ -30,6 +30,9 @@ pub struct Families {
     pub sources: &'static dyn Sources,
 }
 
+/// The name of a field of reports, and the schema of its values, which is made when it is asked for.
+pub type ReportPart = (&'static str, fn() -> Value);
+
 /// Reads and describes the scenarios of one family.
 pub trait ScenarioFamily: Sync {
     /// Returns the name used in scenarios, reports and on command lines.
@@ -46,7 +49,7 @@ pub trait ScenarioFamily: Sync {
     fn schema(&self) -> FamilySchema;
     /// Returns the name and the JSON schema of the report field that only this family fills; `None` if there
     /// is no such field.
-    fn report_part(&self) -> Option<(&'static str, fn() -> Value)> {
+    fn report_part(&self) -> Option<ReportPart> {
         None
     }
     /// Returns true if its scenarios have at least one `[[goal]]`; otherwise they have none.

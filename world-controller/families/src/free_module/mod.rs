@@ -28,7 +28,9 @@ use metamorph_protocol::ids::ModuleId;
 use metamorph_scenario::Plan;
 use metamorph_scenario::diagnostics::Diagnostics;
 use metamorph_scenario::error::ScenarioError;
-use metamorph_scenario::family::{FamilySchema, RawSwarm, ScenarioFamily, Sections, Swarm, SwarmPlan, Words};
+use metamorph_scenario::family::{
+    FamilySchema, RawSwarm, ReportPart, ScenarioFamily, Sections, Swarm, SwarmPlan, Words,
+};
 use metamorph_scenario::table::Section;
 use std::fmt;
 use std::sync::Arc;
@@ -54,7 +56,7 @@ impl ScenarioFamily for FreeModuleFamily {
     fn schema(&self) -> FamilySchema {
         schema::schema()
     }
-    fn report_part(&self) -> Option<(&'static str, fn() -> serde_json::Value)> {
+    fn report_part(&self) -> Option<ReportPart> {
         Some((report::KEY, report::schema))
     }
 }

@@ -37,7 +37,8 @@ use metamorph_scenario::Plan;
 use metamorph_scenario::diagnostics::Diagnostics;
 use metamorph_scenario::error::ScenarioError;
 use metamorph_scenario::family::{
-    DrawnStructure, FamilySchema, RawSwarm, ScenarioFamily, Sections, Swarm, SwarmPlan, Words, WorldFaultKind,
+    DrawnStructure, FamilySchema, RawSwarm, ReportPart, ScenarioFamily, Sections, Swarm, SwarmPlan, Words,
+    WorldFaultKind,
 };
 use metamorph_scenario::table::Section;
 use metamorph_sim_bridge::director::faults::{Target, WorldFault};
@@ -70,7 +71,7 @@ impl ScenarioFamily for MetamoduleFamily {
     fn schema(&self) -> FamilySchema {
         schema::schema()
     }
-    fn report_part(&self) -> Option<(&'static str, fn() -> serde_json::Value)> {
+    fn report_part(&self) -> Option<ReportPart> {
         Some((report::KEY, report::schema))
     }
     fn scenario_of(&self, drawing: &DrawnStructure<'_>) -> Option<Result<String, String>> {
