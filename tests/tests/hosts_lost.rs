@@ -141,8 +141,8 @@ fn a_daemon_that_is_started_again_takes_modules() {
     let report = report(&ran.out);
     assert_eq!((report.outcome.as_str(), report.invariants.broken), ("built", 0), "{ran:?}");
     assert_eq!(surprises(&report), [""; 0]);
-    // The end of the daemon is seen at once, or the new one answers before: then the modules of h2 stay there, and h3 has 14 when
-    // it is lost. Otherwise h3 has 21, and h2 none.
+    // If the new daemon answers before the end of the old one is seen, the modules of h2 stay there, and h3 has 14 when it is lost.
+    // Otherwise h3 has 21, and h2 none.
     let is_early = report.hosts.as_ref().unwrap().hosts[1].lost_why.as_deref() == Some(STARTED_AGAIN);
     let (back, of_h3) = if is_early { (0, 14) } else { (1, 21) };
     assert_eq!((faults(&report, "lost").len(), faults(&report, "back").len()), (2, back), "{ran:?}");

@@ -256,6 +256,21 @@ fn a_daemon_refuses_who_has_no_certificate() {
     );
 }
 
+/// One port of a machine serves the metrics of one daemon, so `cluster up` begins nothing if two are to use it.
+#[test]
+fn daemons_of_one_machine_do_not_serve_metrics_at_one_port() {
+    let directory = TempDir::new().unwrap();
+    let hosts = directory.path().join("hosts.toml");
+    let host = |name: &str, address: &str| format!("[[host]]\nname = \"{name}\"\naddress = \"{address}\"\n");
+    let text = ["version = 1\nkeys = \"keys\"\n".to_owned(), host("h1", "local")];
+    let others = [host("h2", "127.0.0.1:7001"), host("h3", "127.0.0.1:7002")];
+    fs::write(&hosts, [text, others].concat().concat()).unwrap();
+    let refused = run(&["cluster", "up", &hosts.display().to_string(), "--metrics", "9100"]);
+    let says = |part| refused.2.contains(part);
+    assert!(refused.0 == Some(1) && says("h2 and h3 are on one machine, 127.0.0.1"), "{refused:?}");
+    assert!(!directory.path().join("keys").exists());
+}
+
 /// The decompression of lz4_flex 0.10 can show foreign memory (RUSTSEC-2026-0041). zenoh always builds it and uses it with
 /// one feature only, which is off.
 #[test]

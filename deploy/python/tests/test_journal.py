@@ -18,7 +18,8 @@ from election import SCENARIO, Leader, agreed  # noqa: E402
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, mm.Report]:
     path = tmp_path_factory.mktemp("journal") / "run.journal"
-    # With this seed no module moves at the end: a simulation shows where those that move will be.
+    # With this seed no module moves at the end. Of one that moves, a journal rounds where its motion has brought it, and a
+    # simulation has the cell from which it comes.
     return path, mm.run("swarm", seed=9, journal=path, faults=["kill 3@1s"])
 
 

@@ -118,12 +118,6 @@ pub(super) struct AuditKey {
     is_home: bool,
 }
 
-impl AuditKey {
-    pub(super) fn revision(&self) -> Revision {
-        self.revision
-    }
-}
-
 impl CubeWorld {
     /// Returns the key of a module at time `now` of its clock.
     fn audit_key(&self, now: Time, cube: &Cube, id: ModuleId) -> AuditKey {

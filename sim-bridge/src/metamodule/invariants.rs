@@ -97,10 +97,11 @@ pub struct HeldCells {
 
 impl HeldCells {
     /// Collects cells; `None` if there are none.
-    pub fn of(held: impl Iterator<Item = Cell>) -> Option<HeldCells> {
+    pub fn of(mut held: impl Iterator<Item = Cell>) -> Option<HeldCells> {
+        let first = held.next()?;
         let mut cells = Vec::with_capacity(128);
+        cells.push(first);
         cells.extend(held);
-        let first = *cells.first()?;
         let fold = |pick: fn(i16, i16) -> i16| {
             cells.iter().fold(first, |a, c| Cell::new(pick(a.x, c.x), pick(a.y, c.y), pick(a.z, c.z)))
         };

@@ -555,7 +555,11 @@ class Simulation:
         return self._run.run_until(2**63 if until is None else nanoseconds(until))
 
     def positions(self) -> NDArray[np.int16]:
-        """The cells of all modules, x y z with z up, as an array of N × 3. Of metamodules the connector that holds."""
+        """The cells of all modules, x y z with z up, as an array of N × 3. Of metamodules the connector that holds.
+
+        A module that moves is in the cell from which it comes until it arrives; :meth:`Journal.positions` rounds where its
+        motion has brought it.
+        """
         cells: NDArray[np.int16] = np.frombuffer(self._run.cells(), dtype=np.int16).reshape(-1, 3).copy()
         return cells
 

@@ -157,6 +157,12 @@ fn route_aside(scene: &Scene<'_>, rank: Rank) -> Option<Route> {
     let mut known: BTreeMap<Pose, bool> = BTreeMap::new();
     let mut is_non_blocking =
         |pose: Pose| is_clear(pose) && *known.entry(pose).or_insert_with(|| scene.is_non_blocking(pose));
+    let free = v.ground(&scene.taken);
+    let mut free = Nearby::new(&free, pose);
+    let route = free.find(&mut is_non_blocking);
+    if route.is_some() {
+        return route;
+    }
     // A segment sweeps the cells of one route of many to its end. A body that is clear of all ends may be avoided.
     let ends = scene.ends_of_ways(rank);
     let is_past = |pose: Pose| !motions.cells(pose).iter().any(|cell| ends.contains(cell));
@@ -165,10 +171,9 @@ fn route_aside(scene: &Scene<'_>, rank: Rank) -> Option<Route> {
     let is_firm = |o: &&Other| o.path.is_some_and(|w| (w.rank, o.id) < (rank, v.own.id));
     let firm = scene.free.iter().filter(is_firm).flat_map(|o| o.cells.iter().copied());
     let firm: Vec<Cell> = scene.fixed.iter().copied().chain(firm).collect();
-    let (free, firm) = (v.ground(&scene.taken), v.ground(&firm));
-    let (mut free, mut firm) = (Nearby::new(&free, pose), Nearby::new(&firm, pose));
-    free.find(&mut is_non_blocking)
-        .or_else(|| firm.find(&mut is_non_blocking))
+    let firm = v.ground(&firm);
+    let mut firm = Nearby::new(&firm, pose);
+    firm.find(&mut is_non_blocking)
         .or_else(|| free.find(is_clear))
         .or_else(|| firm.find(is_clear))
         .or_else(|| past(&mut free).or_else(|| past(&mut firm)))
