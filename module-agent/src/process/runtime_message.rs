@@ -246,7 +246,7 @@ mod tests {
         ];
         for (message, kind, payload) in cases {
             let frame = seal(&message);
-            assert_eq!(&frame.to_bytes()[HEADER..HEADER + payload.len()], payload, "{message:?}");
+            assert_eq!(&frame.as_bytes()[HEADER..HEADER + payload.len()], payload, "{message:?}");
             assert_eq!(frame.wire_len(), HEADER + payload.len());
             assert_eq!(frame.open().map(|h| h.kind), Ok(kind));
             assert_eq!(frame.message(), Ok(message));
@@ -258,7 +258,7 @@ mod tests {
         #[test]
         fn garbage_never_panics(bytes in proptest::collection::vec(any::<u8>(), Frame::SIZE)) {
             let array: [u8; Frame::SIZE] = bytes.try_into().unwrap();
-            let _ = Frame::from_bytes(&array).message::<RuntimeMessage<Cell>>();
+            let _ = Frame::from_bytes(array).message::<RuntimeMessage<Cell>>();
         }
     }
 }

@@ -286,7 +286,7 @@ mod tests {
         SharedFrame::from_bytes([n; Frame::SIZE])
     }
     fn first(frame: Option<SharedFrame>) -> Option<u8> {
-        frame.map(|f| f.frame().to_bytes()[0])
+        frame.map(|f| f.frame().as_bytes()[0])
     }
 
     #[test]

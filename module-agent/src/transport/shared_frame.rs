@@ -32,7 +32,7 @@ impl SharedFrame {
 
     /// Creates a frame that enters a channel at `sent`.
     pub fn new(frame: &Frame, sent: Time) -> SharedFrame {
-        SharedFrame { sent: sent.0.to_le_bytes(), ..SharedFrame::from_bytes(frame.to_bytes()) }
+        SharedFrame { sent: sent.0.to_le_bytes(), ..SharedFrame::from_bytes(*frame.as_bytes()) }
     }
 
     /// Returns the frame with the time at which an agent handed it to its link, which may have held it back.
@@ -47,7 +47,7 @@ impl SharedFrame {
 
     /// Returns the frame, unchecked.
     pub fn frame(&self) -> Frame {
-        Frame::from_bytes(&self.bytes)
+        Frame::from_bytes(self.bytes)
     }
 
     /// Returns when the frame entered the channel, in scenario time.

@@ -1,6 +1,6 @@
 //! The one message layout, in shared memory, in journals and on networks.
 //!
-//! A [`Frame`] is 128 bytes, `repr(C)`, without pointers or implicit padding, little endian, and valid for
+//! A [`Frame`] is 128 bytes, without pointers, little endian, and valid for
 //! every bit pattern: bytes that a killed or foreign writer left in shared memory are checked by
 //! [`Frame::open`] before they are used.
 //!
@@ -86,7 +86,7 @@ pub trait Wire: Clone + Debug + PartialEq + Eq + Send + Sync {
     fn wire_len(&self) -> usize {
         let mut out = Encoder::new();
         self.encode(&mut out);
-        HEADER + out.len
+        out.len
     }
 }
 
@@ -94,7 +94,7 @@ pub trait Wire: Clone + Debug + PartialEq + Eq + Send + Sync {
 pub fn payload<W: Wire>(message: &W) -> Vec<u8> {
     let mut out = Encoder::new();
     message.encode(&mut out);
-    out.bytes[..out.len].to_vec()
+    out.bytes[HEADER..out.len].to_vec()
 }
 
 /// Reads a payload that has no frame around it.
@@ -148,27 +148,15 @@ pub struct Header {
 /// The id of the world-controller in headers.
 pub const CONTROLLER: ModuleId = ModuleId(u32::MAX);
 
-/// One message in its fixed layout.
+/// One message in its fixed layout: its bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[repr(C)]
-pub struct Frame {
-    version: u8,
-    channel: u8,
-    kind: u8,
-    class: u8,
-    port: u8,
-    length: u8,
-    incarnation: [u8; 2],
-    source: [u8; 4],
-    destination: [u8; 4],
-    session: [u8; 4],
-    sequence: [u8; 4],
-    crc: [u8; 4],
-    reserved: [u8; 4],
-    payload: [u8; PAYLOAD],
-}
+#[repr(transparent)]
+pub struct Frame([u8; HEADER + PAYLOAD]);
 
-const _: () = assert!(size_of::<Frame>() == HEADER + PAYLOAD && align_of::<Frame>() == 1);
+/// Offset of the checksum in bytes.
+const CRC: usize = 24;
+/// Offset of the reserved bytes.
+const RESERVED: usize = 28;
 
 impl Frame {
     /// The length of a frame in bytes.
@@ -178,24 +166,15 @@ impl Frame {
     pub fn seal<W: Wire>(header: Header, message: &W) -> Frame {
         let mut out = Encoder::new();
         message.encode(&mut out);
-        let mut frame = Frame {
-            version: VERSION,
-            channel: header.channel as u8,
-            kind: message.kind(),
-            class: header.class as u8,
-            port: header.port.0,
-            length: out.len as u8,
-            incarnation: header.incarnation.0.to_le_bytes(),
-            source: header.source.0.to_le_bytes(),
-            destination: header.destination.0.to_le_bytes(),
-            session: header.session.to_le_bytes(),
-            sequence: header.sequence.to_le_bytes(),
-            crc: [0; 4],
-            reserved: [0; 4],
-            payload: out.bytes,
-        };
-        frame.crc = frame.checksum().to_le_bytes();
-        frame
+        let length = (out.len - HEADER) as u8;
+        out.len = 0;
+        out.put(&[VERSION, header.channel as u8, message.kind(), header.class as u8, header.port.0, length]);
+        out.u16(header.incarnation.0);
+        out.u32(header.source.0);
+        out.u32(header.destination.0);
+        out.u32(header.session);
+        out.u32(header.sequence);
+        Frame(out.bytes).summed()
     }
 
     /// Checks a frame and reads its header.
@@ -204,19 +183,20 @@ impl Frame {
     /// Refuses a frame of another version, or one that is damaged or has an impossible field.
     #[inline]
     pub fn open(&self) -> Result<Header, WireError> {
-        if self.version != VERSION {
-            return Err(WireError::Version(self.version));
+        let [version, channel, kind, class, port, length, ..] = self.0;
+        if version != VERSION {
+            return Err(WireError::Version(version));
         }
-        if usize::from(self.length) > PAYLOAD {
+        if usize::from(length) > PAYLOAD {
             return Err(WireError::Length);
         }
-        if u32::from_le_bytes(self.crc) != self.checksum() {
+        if u32::from_le_bytes(self.part(CRC)) != self.checksum() {
             return Err(WireError::Checksum);
         }
-        if self.reserved != [0; 4] {
+        if self.part(RESERVED) != [0; 4] {
             return Err(WireError::Field("reserved"));
         }
-        let channel = match self.channel {
+        let channel = match channel {
             0 => Channel::Peer,
             1 => Channel::Body,
             2 => Channel::Control,
@@ -225,105 +205,82 @@ impl Frame {
         };
         Ok(Header {
             channel,
-            kind: self.kind,
-            class: Class::from_index(self.class).ok_or(WireError::Field("class"))?,
-            port: Port(self.port),
-            incarnation: Incarnation(u16::from_le_bytes(self.incarnation)),
-            source: ModuleId(u32::from_le_bytes(self.source)),
-            destination: ModuleId(u32::from_le_bytes(self.destination)),
-            session: u32::from_le_bytes(self.session),
-            sequence: u32::from_le_bytes(self.sequence),
+            kind,
+            class: Class::from_index(class).ok_or(WireError::Field("class"))?,
+            port: Port(port),
+            incarnation: Incarnation(u16::from_le_bytes(self.part(6))),
+            source: ModuleId(u32::from_le_bytes(self.part(8))),
+            destination: ModuleId(u32::from_le_bytes(self.part(12))),
+            session: u32::from_le_bytes(self.part(16)),
+            sequence: u32::from_le_bytes(self.part(20)),
         })
     }
 
     /// Reads the payload of a frame that [`Frame::open`] accepted.
     pub fn message<W: Wire>(&self) -> Result<W, WireError> {
-        let bytes = self.payload.get(..usize::from(self.length)).ok_or(WireError::Length)?;
-        from_payload(self.kind, bytes)
+        let bytes = self.0.get(HEADER..self.wire_len()).ok_or(WireError::Length)?;
+        from_payload(self.0[2], bytes)
     }
 
     /// Returns the class that the header claims, for counting a frame that is refused.
     pub fn claimed_class(&self) -> Class {
-        Class::from_index(self.class).unwrap_or(Class::Liveness)
+        Class::from_index(self.0[3]).unwrap_or(Class::Liveness)
     }
 
     /// Returns the number of bytes in use: header and payload.
     pub fn wire_len(&self) -> usize {
-        HEADER + usize::from(self.length)
+        HEADER + usize::from(self.0[5])
     }
 
     /// Flips one bit, as a noisy link would. Bits are counted from the start of the frame; only bytes in use
     /// are touched.
     pub fn flip(&mut self, bit: u64) {
-        let mut bytes = self.to_bytes();
         let bit = bit as usize % (self.wire_len().min(Frame::SIZE) * 8);
-        bytes[bit / 8] ^= 1 << (bit % 8);
-        *self = Frame::from_bytes(&bytes);
+        self.0[bit / 8] ^= 1 << (bit % 8);
     }
 
     /// Returns the frame as bytes, in the layout of this module.
     #[inline]
-    pub fn to_bytes(&self) -> [u8; Frame::SIZE] {
-        let mut bytes = [0; Frame::SIZE];
-        bytes[..6].copy_from_slice(&[
-            self.version,
-            self.channel,
-            self.kind,
-            self.class,
-            self.port,
-            self.length,
-        ]);
-        bytes[6..8].copy_from_slice(&self.incarnation);
-        bytes[8..12].copy_from_slice(&self.source);
-        bytes[12..16].copy_from_slice(&self.destination);
-        bytes[16..20].copy_from_slice(&self.session);
-        bytes[20..24].copy_from_slice(&self.sequence);
-        bytes[24..28].copy_from_slice(&self.crc);
-        bytes[28..32].copy_from_slice(&self.reserved);
-        bytes[HEADER..].copy_from_slice(&self.payload);
-        bytes
+    pub const fn as_bytes(&self) -> &[u8; Frame::SIZE] {
+        &self.0
     }
 
     /// Creates a frame from unchecked bytes; see [`Frame::open`].
     #[inline]
-    pub fn from_bytes(bytes: &[u8; Frame::SIZE]) -> Frame {
-        fn part<const N: usize>(bytes: &[u8; Frame::SIZE], at: usize) -> [u8; N] {
-            core::array::from_fn(|i| bytes[at + i])
-        }
-        Frame {
-            version: bytes[0],
-            channel: bytes[1],
-            kind: bytes[2],
-            class: bytes[3],
-            port: bytes[4],
-            length: bytes[5],
-            incarnation: part(bytes, 6),
-            source: part(bytes, 8),
-            destination: part(bytes, 12),
-            session: part(bytes, 16),
-            sequence: part(bytes, 20),
-            crc: part(bytes, 24),
-            reserved: part(bytes, 28),
-            payload: part(bytes, HEADER),
-        }
+    pub const fn from_bytes(bytes: [u8; Frame::SIZE]) -> Frame {
+        Frame(bytes)
     }
 
+    /// Returns the bytes at an offset, which is a constant within the header.
+    #[inline]
+    fn part<const N: usize>(&self, at: usize) -> [u8; N] {
+        core::array::from_fn(|i| self.0[at + i])
+    }
+
+    /// Returns the frame with its checksum in its place.
+    fn summed(mut self) -> Frame {
+        let sum = self.checksum();
+        self.0[CRC..RESERVED].copy_from_slice(&sum.to_le_bytes());
+        self
+    }
+
+    /// Returns the checksum of the bytes in use, with that of the field itself taken as zero.
     fn checksum(&self) -> u32 {
-        let mut bytes = self.to_bytes();
-        bytes[24..28].fill(0);
+        let mut bytes = self.0;
+        bytes[CRC..RESERVED].fill(0);
         crc32fast::hash(&bytes[..self.wire_len().min(Frame::SIZE)])
     }
 }
 
-/// Writes a payload.
+/// Writes a payload, in its place within a frame.
 pub struct Encoder {
-    bytes: [u8; PAYLOAD],
+    bytes: [u8; Frame::SIZE],
     len: usize,
 }
 
 impl Encoder {
     fn new() -> Encoder {
-        Encoder { bytes: [0; PAYLOAD], len: 0 }
+        Encoder { bytes: [0; Frame::SIZE], len: HEADER }
     }
     #[inline]
     fn put(&mut self, bytes: &[u8]) {
@@ -465,10 +422,10 @@ mod tests {
         let mut expected = [0u8; Frame::SIZE];
         expected[..24]
             .copy_from_slice(&[12, 0, 0, 1, 3, 6, 2, 0, 7, 0, 0, 0, 8, 0, 0, 0, 4, 3, 2, 1, 5, 0, 0, 0]);
-        expected[24..28].copy_from_slice(&frame.crc);
+        expected[24..28].copy_from_slice(&frame.0[24..28]);
         expected[32..38].copy_from_slice(&[1, 0, 0xFE, 0xFF, 3, 0]);
-        assert_eq!(frame.to_bytes(), expected);
-        assert_eq!(u32::from_le_bytes(frame.crc), 0x5EE8_C088);
+        assert_eq!(frame.0, expected);
+        assert_eq!(u32::from_le_bytes(frame.part(CRC)), 0x5EE8_C088);
         assert_eq!(frame.open(), Ok(header()));
         assert_eq!(frame.message::<Cell>(), Ok(Cell::new(1, -2, 3)));
     }
@@ -489,18 +446,18 @@ mod tests {
         let resealed = |edit: fn(&mut Frame)| {
             let mut frame = good;
             edit(&mut frame);
-            frame.crc = frame.checksum().to_le_bytes();
+            let frame = frame.summed();
             frame.open().and_then(|_| frame.message::<Cell>().map(drop))
         };
-        assert_eq!(resealed(|f| f.version = VERSION + 1), Err(WireError::Version(VERSION + 1)));
-        assert_eq!(resealed(|f| f.channel = 9), Err(WireError::Field("channel")));
-        assert_eq!(resealed(|f| f.class = 7), Err(WireError::Field("class")));
-        assert_eq!(resealed(|f| f.reserved = [1, 0, 0, 0]), Err(WireError::Field("reserved")));
-        assert_eq!(resealed(|f| f.length = 97), Err(WireError::Length));
-        assert_eq!(resealed(|f| f.length = 7), Err(WireError::Length));
-        assert_eq!(resealed(|f| f.length = 5), Err(WireError::Length));
-        assert_eq!(resealed(|f| f.kind = 1), Err(WireError::Kind(1)));
-        assert_eq!(resealed(|f| f.payload[1] = 0x7F), Err(WireError::Field("cell")));
+        assert_eq!(resealed(|f| f.0[0] = VERSION + 1), Err(WireError::Version(VERSION + 1)));
+        assert_eq!(resealed(|f| f.0[1] = 9), Err(WireError::Field("channel")));
+        assert_eq!(resealed(|f| f.0[3] = 7), Err(WireError::Field("class")));
+        assert_eq!(resealed(|f| f.0[RESERVED] = 1), Err(WireError::Field("reserved")));
+        assert_eq!(resealed(|f| f.0[5] = 97), Err(WireError::Length));
+        assert_eq!(resealed(|f| f.0[5] = 7), Err(WireError::Length));
+        assert_eq!(resealed(|f| f.0[5] = 5), Err(WireError::Length));
+        assert_eq!(resealed(|f| f.0[2] = 1), Err(WireError::Kind(1)));
+        assert_eq!(resealed(|f| f.0[HEADER + 1] = 0x7F), Err(WireError::Field("cell")));
     }
 
     proptest! {
@@ -508,8 +465,7 @@ mod tests {
         #[test]
         fn garbage_never_panics(bytes in proptest::collection::vec(any::<u8>(), Frame::SIZE)) {
             let array: [u8; Frame::SIZE] = bytes.try_into().unwrap();
-            let frame = Frame::from_bytes(&array);
-            prop_assert_eq!(frame.to_bytes(), array);
+            let frame = Frame::from_bytes(array);
             let _ = frame.open();
             let _ = frame.message::<Cell>();
             let mut flipped = frame;

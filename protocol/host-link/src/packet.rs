@@ -292,7 +292,7 @@ fn write_content(content: &Content, out: &mut Vec<u8>) {
             // Invariant: a packet has fewer than 2^16 frames, since each is at least 32 bytes long.
             out.extend((frames.len() as u16).to_le_bytes());
             for frame in frames {
-                out.extend(&frame.to_bytes()[..frame.wire_len().min(Frame::SIZE)]);
+                out.extend(&frame.as_bytes()[..frame.wire_len().min(Frame::SIZE)]);
             }
         }
         Content::Stream { offset, bytes } | Content::Bulk { offset, bytes } => {
@@ -352,7 +352,7 @@ fn read_frame(from: &mut Reader<'_>) -> Result<Frame, PacketError> {
     let length = FRAME_HEADER + usize::from(*from.0.get(5).ok_or(PacketError::Length)?);
     let mut bytes = [0; Frame::SIZE];
     bytes.get_mut(..length).ok_or(PacketError::Frame)?.copy_from_slice(from.take(length)?);
-    let frame = Frame::from_bytes(&bytes);
+    let frame = Frame::from_bytes(bytes);
     frame.open().map(|_| frame).map_err(|_| PacketError::Frame)
 }
 

@@ -134,7 +134,7 @@ fn every_message_survives_the_wire_and_knows_its_length() {
 /// The layout is part of the format: these bytes change only together with the wire version.
 #[test]
 fn golden_beacon() {
-    let bytes = Frame::seal(header(), &Message::Beacon(beacon())).to_bytes();
+    let bytes = Frame::seal(header(), &Message::Beacon(beacon())).as_bytes().to_owned();
     let expected: [u8; 85] = [
         4,
         3,
@@ -241,18 +241,18 @@ proptest! {
     /// same bytes: no content is lost or accepted unchecked.
     #[test]
     fn garbage_is_refused_or_encodes_to_the_same_bytes(kind in 0u8..8, payload in proptest::collection::vec(any::<u8>(), 0..=96)) {
-        let mut frame = Frame::seal(header(), &Message::Release { origin: ModuleId(0), token: Token(0) }).to_bytes();
+        let mut frame = Frame::seal(header(), &Message::Release { origin: ModuleId(0), token: Token(0) }).as_bytes().to_owned();
         frame[2] = kind;
         frame[5] = payload.len() as u8;
         frame[HEADER..HEADER + payload.len()].copy_from_slice(&payload);
-        if let Ok(message) = Frame::from_bytes(&frame).message::<Message>() {
+        if let Ok(message) = Frame::from_bytes(frame).message::<Message>() {
             let again = Frame::seal(header(), &message);
-            prop_assert_eq!(&again.to_bytes()[HEADER..HEADER + payload.len()], &payload[..]);
+            prop_assert_eq!(&again.as_bytes()[HEADER..HEADER + payload.len()], &payload[..]);
         }
-        let _ = Frame::from_bytes(&frame).message::<Percept>();
-        let _ = Frame::from_bytes(&frame).message::<Order>();
-        let _ = Frame::from_bytes(&frame).message::<Status>();
-        let _ = Frame::from_bytes(&frame).message::<Move>();
+        let _ = Frame::from_bytes(frame).message::<Percept>();
+        let _ = Frame::from_bytes(frame).message::<Order>();
+        let _ = Frame::from_bytes(frame).message::<Status>();
+        let _ = Frame::from_bytes(frame).message::<Move>();
     }
 
     /// The same with one flipped bit of a valid message.

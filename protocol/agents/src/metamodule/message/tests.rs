@@ -147,7 +147,7 @@ fn golden_request() {
         sweep: Sweep(0x0102 | 0x03 << 120),
         ends: 0x0506,
     };
-    let bytes = Frame::seal(header(17), &message).to_bytes();
+    let bytes = Frame::seal(header(17), &message).as_bytes().to_owned();
     assert_eq!(
         &bytes[HEADER..HEADER + 44],
         &[
@@ -160,7 +160,7 @@ fn golden_request() {
 
 #[test]
 fn golden_state() {
-    let bytes = Frame::seal(header(16), &Message::State(a_state())).to_bytes();
+    let bytes = Frame::seal(header(16), &Message::State(a_state())).as_bytes().to_owned();
     assert_eq!(
         &bytes[HEADER..HEADER + 34],
         &[
@@ -179,7 +179,7 @@ proptest! {
         for length in 0..=32u8 {
             cells[5] = length;
             cells[2] = kind;
-            let frame = Frame::from_bytes(&cells);
+            let frame = Frame::from_bytes(cells);
             if let Ok(message) = frame.message::<Message>() {
                 prop_assert_eq!(message.wire_len(), HEADER + usize::from(length));
             }

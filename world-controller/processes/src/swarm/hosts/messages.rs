@@ -212,11 +212,11 @@ pub struct Sent {
 impl Sent {
     /// Wraps a frame.
     pub fn new(shared: &SharedFrame) -> Sent {
-        Sent { frame: shared.frame().to_bytes().to_vec(), at: shared.sent() }
+        Sent { frame: shared.frame().as_bytes().to_vec(), at: shared.sent() }
     }
     /// Returns the frame, sent at `healed` if it was sent before; `None` if it has the wrong length.
     pub fn shared(&self, healed: Time) -> Option<SharedFrame> {
-        let bytes: &[u8; Frame::SIZE] = self.frame.as_slice().try_into().ok()?;
+        let bytes: [u8; Frame::SIZE] = self.frame.as_slice().try_into().ok()?;
         Some(SharedFrame::new(&Frame::from_bytes(bytes), self.at.max(healed)))
     }
 }

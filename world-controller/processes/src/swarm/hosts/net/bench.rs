@@ -309,7 +309,7 @@ fn bare(near: &Keys, far: &Keys) -> Result<Cost, NetBenchError> {
     });
     heard.background().wait().map_err(NetBenchError::Zenoh)?;
     let ping = publisher(&near, ("h1", "h2"), "a", CongestionControl::Drop, true)?;
-    let bytes = frame(0).to_bytes()[..FRAME].to_vec();
+    let bytes = frame(0).as_bytes()[..FRAME].to_vec();
     let mut trips = trips(&ping, &bytes, &answers)?;
     let puts = publisher(&near, ("h1", "h2"), "p", CongestionControl::Block, false)?;
     let (before, begun, mut sent) = (processor_time(), Stopwatch::start(), 0);
