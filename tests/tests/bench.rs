@@ -11,7 +11,7 @@ fn bench(args: &[&str]) -> Value {
     let ran = run(&[&["bench", "--quiet", "--json", path.to_str().unwrap()], args].concat());
     assert_eq!((ran.code, ran.out.as_str(), ran.err.as_str()), (Some(0), "", ""), "{args:?}");
     let results: Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
-    assert_eq!((results["format"].as_str(), results["schema"].as_u64()), (Some("metamorph-bench"), Some(1)));
+    assert_eq!((results["format"].as_str(), results["schema"].as_u64()), (Some("metamorph-bench"), Some(2)));
     results
 }
 

@@ -43,7 +43,7 @@ use std::path::PathBuf;
 use thiserror::Error;
 
 /// Version of `bench.json`, increased when a field changes its meaning or is removed.
-pub const SCHEMA: u32 = 1;
+pub const SCHEMA: u32 = 2;
 
 /// The measurements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]

@@ -212,27 +212,33 @@ pub fn gaits(gaits: &gait::Gaits, paint: Paint) -> String {
 
 /// Formats the process link.
 pub fn wire(rows: &[wire::Row], paint: Paint) -> String {
-    let mut table = Table::new(&["mechanism"]);
-    for mode in ["polling", "waiting"] {
-        table.head(&[&format!("{mode}: median ns"), "undisturbed", "ours/this", "messages/s"]);
-    }
-    let ours = rows.first();
-    for r in rows {
-        let cells = |f: fn(&wire::Row) -> wire::Cost| {
-            let (this, own) = (f(r), ours.map_or(f(r), f));
-            [
-                number(this.round_trip_ns),
-                number(this.undisturbed_ns),
-                times(own.undisturbed_ns / this.undisturbed_ns),
-                number(this.messages_per_s),
-            ]
-        };
-        table.row(&[r.mechanism.to_owned()], [cells(|r| r.polling), cells(|r| r.waiting)].concat());
-    }
-    format!(
-        "{}\nRound trips of 64 bytes between two processes, and throughput one way: polling on two processors,\nwaiting on one.\n{}",
-        paint.strong("wire"),
+    let table = |mode: &str, of: fn(&wire::Row) -> wire::Cost| {
+        let mut table = Table::new(&[mode]);
+        table.head(&["round trip ns", "ours/this", "p50", "p99", "p99.9", "messages/s", "bad placements"]);
+        for r in rows {
+            let (this, own) = (of(r), rows.first().map_or(of(r), of));
+            table.row(
+                &[r.mechanism.to_owned()],
+                vec![
+                    number(this.round_trip_ns),
+                    times(own.round_trip_ns / this.round_trip_ns),
+                    number(this.p50_ns),
+                    number(this.p99_ns),
+                    number(this.p99_9_ns),
+                    number(this.messages_per_s),
+                    format!("{} of {}", this.bad_placements, this.turns),
+                ],
+            );
+        }
         table.text(paint)
+    };
+    format!(
+        "{}\nRound trips of 64 bytes between two processes, and throughput one way: polling on two processors,\nwaiting on one. \
+         Mechanisms take turns, each time with new processes; turns in which these lie badly are\ncounted and left out. \
+         Quantiles are of single round trips, with the time that reading the clock takes.\n{}{}",
+        paint.strong("wire"),
+        table("polling", |r| r.polling),
+        table("waiting", |r| r.waiting)
     )
 }
 

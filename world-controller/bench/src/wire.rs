@@ -24,8 +24,13 @@ use std::time::Duration;
 const BATCH: u32 = 16;
 /// Number of messages sent before the receiver is woken.
 const BURST: u32 = 16;
-/// Duration of each measurement in real time.
-const MEASUREMENT_TIME: Duration = Duration::from_secs(1);
+/// Number of turns. In each of them every mechanism is measured once, with two processes of its own: how their memory and
+/// processors lie decides as much as the mechanism.
+const TURNS: usize = 5;
+/// Duration of each of the three measurements of a turn, in real time.
+const MEASUREMENT_TIME: Duration = Duration::from_millis(200);
+/// Ratio of a turn's round trip to that of the mechanism's fastest turn from which the turn has a bad placement.
+const BAD_PLACEMENT: f64 = 1.3;
 /// Number of polls after which a spinning end yields; the other end may need the processor. Large enough that on a busy
 /// machine both ends sometimes run at the same time.
 const SPINS_MAX: u64 = 50_000;
@@ -91,12 +96,54 @@ impl Mode {
 /// The costs of one mechanism in one mode.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Cost {
-    /// Median of a round trip in nanoseconds.
+    /// Round trip in nanoseconds: the median of the turns with a good placement, each of which is the median of many short
+    /// series.
     pub round_trip_ns: f64,
-    /// Round trip without disturbance: the fastest of many short series, in nanoseconds.
+    /// Round trip without disturbance: the fastest of all series, in nanoseconds.
     pub undisturbed_ns: f64,
-    /// Messages per second, one way.
+    /// Quantiles of single round trips of these turns, in nanoseconds, with the time that reading the clock takes.
+    pub p50_ns: f64,
+    pub p99_ns: f64,
+    pub p99_9_ns: f64,
+    /// Messages per second, one way: the median of these turns.
     pub messages_per_s: f64,
+    /// Number of turns, and of those that were left out because of a bad placement.
+    pub turns: usize,
+    pub bad_placements: usize,
+}
+
+impl Cost {
+    /// Summarises the turns of one mechanism.
+    fn of(turns: &[Turn]) -> Cost {
+        let fastest = turns.iter().map(|t| t.round_trip_ns).fold(f64::INFINITY, f64::min);
+        let good = || turns.iter().filter(|t| t.round_trip_ns <= fastest * BAD_PLACEMENT);
+        let mut singles: Vec<f64> = good().flat_map(|t| t.singles_ns.iter().copied()).collect();
+        singles.sort_by(f64::total_cmp);
+        let quantile = |thousandths: usize| {
+            let last = singles.len().saturating_sub(1);
+            singles.get((singles.len() * thousandths / 1_000).min(last)).copied().unwrap_or(0.0)
+        };
+        Cost {
+            round_trip_ns: median(&mut good().map(|t| t.round_trip_ns).collect::<Vec<f64>>()),
+            undisturbed_ns: turns.iter().map(|t| t.undisturbed_ns).fold(f64::INFINITY, f64::min),
+            p50_ns: quantile(500),
+            p99_ns: quantile(990),
+            p99_9_ns: quantile(999),
+            messages_per_s: median(&mut good().map(|t| t.messages_per_s).collect::<Vec<f64>>()),
+            turns: turns.len(),
+            bad_placements: turns.len() - good().count(),
+        }
+    }
+}
+
+/// One measurement of one mechanism in one mode, between two processes of its own.
+struct Turn {
+    /// Median and minimum of the mean round trips of short series.
+    round_trip_ns: f64,
+    undisturbed_ns: f64,
+    /// Round trips timed one by one.
+    singles_ns: Vec<f64>,
+    messages_per_s: f64,
 }
 
 /// The result for one mechanism.
@@ -114,24 +161,26 @@ pub struct Row {
 pub fn measure(live: &mut Live, on: &dyn Fn() -> Result<(), BenchError>) -> Result<Vec<Row>, BenchError> {
     rendezvous::set_verbosity(false);
     let before = sched_getaffinity(None).ok();
-    let mut rows = Vec::new();
-    for mechanism in Mechanism::ALL {
-        let mut cost = |mode: Mode| {
-            live.show(|| format!("wire: {}, {}", mechanism.name(), mode.name()));
-            // The other process inherits the affinity of this one.
-            roam(before.as_ref());
-            on()?;
-            between_processes(mechanism, mode)
-        };
-        rows.push(Row {
-            mechanism: mechanism.name(),
-            polling: cost(Mode::Polling)?,
-            waiting: cost(Mode::Waiting)?,
-        });
+    let mut turns: Vec<[Vec<Turn>; 2]> = Mechanism::ALL.map(|_| [Vec::new(), Vec::new()]).into();
+    for turn in 1..=TURNS {
+        for (mechanism, of) in Mechanism::ALL.into_iter().zip(&mut turns) {
+            for (mode, of) in [Mode::Polling, Mode::Waiting].into_iter().zip(of) {
+                live.show(|| format!("wire: turn {turn} of {TURNS}, {}, {}", mechanism.name(), mode.name()));
+                // The other process inherits the affinity of this one.
+                roam(before.as_ref());
+                on()?;
+                of.push(between_processes(mechanism, mode)?);
+            }
+        }
     }
     live.clear();
     roam(before.as_ref());
-    Ok(rows)
+    let rows = Mechanism::ALL.into_iter().zip(&turns).map(|(mechanism, [polling, waiting])| Row {
+        mechanism: mechanism.name(),
+        polling: Cost::of(polling),
+        waiting: Cost::of(waiting),
+    });
+    Ok(rows.collect())
 }
 
 /// Measures how long a message is under way between two waiting agents, in nanoseconds.
@@ -218,7 +267,7 @@ pub fn standard_streams(mode: Mode) -> Result<Files, BenchError> {
     Files::new(file(from)?, file(to)?, mode)
 }
 
-fn between_processes(mechanism: Mechanism, mode: Mode) -> Result<Cost, BenchError> {
+fn between_processes(mechanism: Mechanism, mode: Mode) -> Result<Turn, BenchError> {
     let dir = RunDir::create()?;
     let root = dir.root().to_str().ok_or_else(|| BenchError::Part("has no root".to_owned()))?.to_owned();
     let mut peer = command(&["echo", mechanism.name(), mode.name(), &root])?;
@@ -259,7 +308,7 @@ fn between_processes(mechanism: Mechanism, mode: Mode) -> Result<Cost, BenchErro
     Ok(cost)
 }
 
-fn exchange(end: &mut dyn End, mode: Mode) -> Result<Cost, BenchError> {
+fn exchange(end: &mut dyn End, mode: Mode) -> Result<Turn, BenchError> {
     let mut round_trip = |n: u32| -> Result<Duration, BenchError> {
         let watch = Stopwatch::start();
         for _ in 0..n {
@@ -272,10 +321,14 @@ fn exchange(end: &mut dyn End, mode: Mode) -> Result<Cost, BenchError> {
         Ok(watch.elapsed())
     };
     round_trip(BATCH * 8)?;
-    let (whole, mut batches) = (Stopwatch::start(), Vec::new());
-    while whole.elapsed() < MEASUREMENT_TIME {
-        batches.push(round_trip(BATCH)?.as_secs_f64() * 1e9 / f64::from(BATCH));
-    }
+    let mut series = |n: u32| -> Result<Vec<f64>, BenchError> {
+        let (whole, mut times) = (Stopwatch::start(), Vec::new());
+        while whole.elapsed() < MEASUREMENT_TIME {
+            times.push(round_trip(n)?.as_secs_f64() * 1e9 / f64::from(n));
+        }
+        Ok(times)
+    };
+    let (singles_ns, mut batches) = (series(1)?, series(BATCH)?);
     let round_trip_ns = median(&mut batches);
     // Sorted by now.
     let undisturbed_ns = batches.first().copied().unwrap_or(round_trip_ns);
@@ -295,9 +348,10 @@ fn exchange(end: &mut dyn End, mode: Mode) -> Result<Cost, BenchError> {
         end.ring();
     }
     receive(end, mode)?;
-    Ok(Cost {
+    Ok(Turn {
         round_trip_ns,
         undisturbed_ns,
+        singles_ns,
         messages_per_s: f64::from(sent) / watch.elapsed().as_secs_f64(),
     })
 }
@@ -312,5 +366,25 @@ fn stay_on(mode: Mode, end: usize) {
         one.set(*cpu);
         // If this fails, the system chooses.
         let _ = sched_setaffinity(None, &one);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_turn_with_a_bad_placement_is_counted_and_left_out() {
+        let turn = |ns: f64| Turn {
+            round_trip_ns: ns,
+            undisturbed_ns: ns - 1.0,
+            singles_ns: (0..1_000).map(|i| ns + f64::from(i)).collect(),
+            messages_per_s: 1e9 / ns,
+        };
+        let cost = Cost::of(&[turn(500.0), turn(1_500.0), turn(600.0), turn(700.0)]);
+        assert_eq!((cost.turns, cost.bad_placements), (4, 2));
+        assert_eq!((cost.round_trip_ns, cost.undisturbed_ns, cost.messages_per_s), (600.0, 499.0, 2e6));
+        assert!((1_040.0..=1_060.0).contains(&cost.p50_ns), "{}", cost.p50_ns);
+        assert!(cost.p99_ns < cost.p99_9_ns && cost.p99_9_ns <= 1_599.0);
     }
 }
