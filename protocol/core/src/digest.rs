@@ -52,43 +52,56 @@ impl Hasher for Portable<'_> {
     fn finish(&self) -> u64 {
         self.to.finish()
     }
+    #[inline]
     fn write(&mut self, bytes: &[u8]) {
         self.flush();
         self.to.write(bytes);
     }
+    #[inline]
     fn write_u8(&mut self, n: u8) {
         self.put([n]);
     }
+    #[inline]
     fn write_u16(&mut self, n: u16) {
         self.put(n.to_le_bytes());
     }
+    #[inline]
     fn write_u32(&mut self, n: u32) {
         self.put(n.to_le_bytes());
     }
+    #[inline]
     fn write_u64(&mut self, n: u64) {
         self.put(n.to_le_bytes());
     }
+    #[inline]
     fn write_u128(&mut self, n: u128) {
         self.put(n.to_le_bytes());
     }
+    #[inline]
     fn write_usize(&mut self, n: usize) {
         self.write_u64(n as u64);
     }
+    #[inline]
     fn write_i8(&mut self, n: i8) {
         self.put(n.to_le_bytes());
     }
+    #[inline]
     fn write_i16(&mut self, n: i16) {
         self.put(n.to_le_bytes());
     }
+    #[inline]
     fn write_i32(&mut self, n: i32) {
         self.put(n.to_le_bytes());
     }
+    #[inline]
     fn write_i64(&mut self, n: i64) {
         self.put(n.to_le_bytes());
     }
+    #[inline]
     fn write_i128(&mut self, n: i128) {
         self.put(n.to_le_bytes());
     }
+    #[inline]
     fn write_isize(&mut self, n: isize) {
         self.write_i64(n as i64);
     }
