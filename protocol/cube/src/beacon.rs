@@ -4,6 +4,7 @@
 
 use super::Cube;
 use super::message::{Beacon, Claim, Entry, Message, Role};
+use super::params::Connectivity;
 use metamorph_core::counters::Class;
 use metamorph_core::lattice::Face;
 use metamorph_core::time::{Span, Time};
@@ -145,10 +146,10 @@ impl Cube {
     /// (see `news_delay`), and an unchanged beacon once per `heartbeat`.
     pub(super) fn tend_beacons(&mut self, now: Time) {
         let (advertise, heartbeat) = (self.own.params().advertise, self.own.params().heartbeat);
-        let (mut timed, mut common) = (None, None);
+        let (interval, mut timed, mut common) = (self.least_interval(), None, None);
         for face in Face::in_mask(self.sides.touching_mask()) {
             let sender = &self.beacons.senders[face.index()];
-            if now < sender.due_at(advertise, heartbeat) {
+            if now < sender.due_at(interval, heartbeat) {
                 continue;
             }
             let timed = *timed.get_or_insert_with(|| self.timed(now));
@@ -179,6 +180,15 @@ impl Cube {
             (beacon.sequence, beacon.spoken) = (sender.sequence, self.own.params().stamp(now));
             (*sent, sender.sent_at) = (Some(beacon), Some(now));
             self.out.send(&self.sides, face, class, Message::Beacon(beacon));
+        }
+    }
+
+    /// Returns the least time between two beacons on a face. In the published simulation of the connection gradient every module
+    /// speaks in every step: a neighbour that hears later than the next module leaves would be cut off.
+    fn least_interval(&self) -> Span {
+        match self.own.connectivity() {
+            Connectivity::Gradient => Span::ZERO,
+            Connectivity::Forest | Connectivity::Cycles => self.own.params().advertise,
         }
     }
 
@@ -229,7 +239,7 @@ impl Cube {
             filled: self.filled,
             dead: self.sides.certified_mask(),
             fixed: self.forest.fixed_mask(v),
-            rank: self.forest.told_rank(v),
+            rank: self.forest.told_rank(v, self.is_idle()),
             renew: Time::ZERO,
             claim: Claim::None,
             ack: None,
@@ -294,9 +304,9 @@ impl Cube {
 
     /// Returns when the next beacon is due.
     pub(super) fn beacons_due(&self) -> Time {
-        let p = self.own.params();
+        let (interval, heartbeat) = (self.least_interval(), self.own.params().heartbeat);
         let touching = Face::in_mask(self.sides.touching_mask());
-        let due = touching.map(|f| self.beacons.senders[f.index()].due_at(p.advertise, p.heartbeat));
+        let due = touching.map(|f| self.beacons.senders[f.index()].due_at(interval, heartbeat));
         due.min().unwrap_or(Time::NEVER)
     }
 }

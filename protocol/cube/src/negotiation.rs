@@ -58,6 +58,7 @@ impl Cube {
             requests: Vec::new(),
             search: None,
         });
+        self.withdraw_gradient();
         self.planner.waiting_since.get_or_insert(now);
         if self.own.is_closed {
             return self.launch_if_granted(now);
@@ -432,6 +433,15 @@ impl Cube {
             self.planner.waits_for = blocker;
             self.planner.count_denial();
             self.planner.back_off(now, self.own.params(), &mut self.rng);
+            self.withdraw_gradient();
+        }
+    }
+
+    /// Makes the next beacons say that this module withdraws from the connection gradient or is part of it again, by the
+    /// published rule ([`ParentForest::told_rank`](super::parent_forest::ParentForest::told_rank)).
+    fn withdraw_gradient(&mut self) {
+        if self.own.connectivity() == Connectivity::Gradient {
+            self.beacons.invalidate();
         }
     }
 

@@ -29,9 +29,10 @@ pub enum Connectivity {
     /// Connecting cycles, locked before a move (thesis 4.2.2, after Fitch and Butler). Needs no
     /// rooted structure, but its search has a limited depth and misses long thin loops.
     Cycles,
-    /// The connection gradient as published (thesis 4.1.2, after Stoy): a module may leave if no
-    /// neighbour's gradient depends on it, as far as it has heard. Not safe when messages are late;
-    /// kept because it is the published rule.
+    /// The connection gradient as published (thesis 4.1.2, after Stoy): a module may leave if no neighbour's gradient depends on
+    /// it, as far as it has heard, and has none from the moment at which it wants to leave. Of two modules that hold a third
+    /// the later one has to hear in time that the third depends on it now, so this asks for messages that all take the same
+    /// time. It knows nothing of the dead. Kept because it is the published rule.
     Gradient,
 }
 

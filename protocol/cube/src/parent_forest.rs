@@ -262,10 +262,15 @@ impl ParentForest {
             })
     }
 
-    /// Returns the rank announced to the neighbours.
-    pub fn told_rank(&self, v: View<'_>) -> Rank {
-        let is_lost = v.own.connectivity() == Connectivity::Forest && !self.is_attached(v);
-        if is_lost { Rank { label: UNLABELLED, ..self.rank } } else { self.rank }
+    /// Returns the rank announced to the neighbours. By the published rule a module that moves, or is about to, has no
+    /// concentration: its neighbours look for others before it leaves.
+    pub fn told_rank(&self, v: View<'_>, is_idle: bool) -> Rank {
+        let is_withdrawn = match v.own.connectivity() {
+            Connectivity::Forest => !self.is_attached(v),
+            Connectivity::Gradient => !is_idle,
+            Connectivity::Cycles => false,
+        };
+        if is_withdrawn { Rank { label: UNLABELLED, ..self.rank } } else { self.rank }
     }
 
     /// Returns the claim announced to a neighbour.

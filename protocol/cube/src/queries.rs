@@ -27,7 +27,7 @@ impl Cube {
     /// Returns the depth in the parent forest; 65,535 without a parent.
     pub fn label(&self) -> u16 {
         // The time of the view does not affect the rank.
-        self.forest.told_rank(self.view(self.own.settled)).label
+        self.forest.told_rank(self.view(self.own.settled), true).label
     }
     /// Returns true if the module has no place in the parent forest.
     pub fn is_unlabelled(&self) -> bool {

@@ -49,7 +49,7 @@ pub fn describe(out: &mut String, plan: &Plan, Cubes { cells, setup, omitted }: 
     let connectivity = match params.connectivity {
         Connectivity::Forest => "forest",
         Connectivity::Cycles => "cycles",
-        Connectivity::Gradient => "gradient (as published; not safe when messages are late)",
+        Connectivity::Gradient => "gradient (as published; not safe when delays differ)",
     };
     let co_owners = if params.co_owners { "asked" } else { "not asked" };
     writeln!(out, "  protocol  connectivity {connectivity}; co-owners {co_owners}")

@@ -44,7 +44,7 @@ pub fn schema() -> FamilySchema {
             json!({
                 "connectivity": said(
                     "How a module makes sure that nothing falls apart when it leaves: forest asks a tree of all modules, cycles looks for \
-                     a way around, gradient is the published rule, which is unsafe when messages are late.",
+                     a way around, gradient is the published rule, which is unsafe when delays of messages differ.",
                     one_of(&CONNECTIVITY),
                 ),
                 "dead": said("What modules do beside a dead one: hold it.", or(DEAD[0].0, json!({ "const": DEAD[0].0 }))),
