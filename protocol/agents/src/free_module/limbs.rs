@@ -1,4 +1,4 @@
-//! The body and limb finder (BLF, thesis 7.4.2).
+//! The body and limb finder (BLF, thesis 7.4.1).
 //!
 //! The thesis disagrees with itself on the least size of a cycle; here a cycle component has at least 3 modules, and one
 //! of 2 is a bridge. One rule is ours: a part that touches two connected parts of the body is a link between them and

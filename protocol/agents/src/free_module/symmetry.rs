@@ -1,4 +1,4 @@
-//! Symmetric limbs, by the labels of their connections (thesis 7.6, 7.7).
+//! Symmetric limbs, by the labels of their connections (thesis 7.5.2).
 //!
 //! The connection to the body is one of those compared; without it the limbs of the thesis's second quadruped, of which
 //! one is turned, would all be alike.
@@ -21,7 +21,7 @@ pub const fn class(connector: Connector) -> u64 {
     }
 }
 
-/// Returns a number for each pair of numbers (Cantor's pairing, thesis 7.6).
+/// Returns a number for each pair of numbers (Cantor's pairing, thesis equation 7.6).
 const fn paired(a: u64, b: u64) -> u64 {
     ((a + b) * (a + b) + 3 * a + b) / 2
 }

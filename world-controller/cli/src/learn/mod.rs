@@ -95,6 +95,9 @@ pub struct LearnArgs {
     /// A fall ends a trial, and its speed counts a thousandth, as after a self-collision
     #[arg(long)]
     pub upright: bool,
+    /// Largest offset of an oscillator, above 0deg and up to 180deg; the thesis gives no bound
+    #[arg(long, value_name = "ANGLE", default_value = "30deg")]
+    pub offsets: String,
     /// Seeds from A up to but not including B, one run each
     #[arg(long, value_name = "A..B", default_value = "1..2")]
     pub seeds: String,
@@ -231,6 +234,7 @@ fn asked(args: &LearnArgs) -> Result<Asked, LearnError> {
         return Err(PlanError::option("--trials", reason, "name another number").into());
     }
     let heading_deg = args.heading.as_deref().map(heading).transpose()?;
+    let offsets_deg = offsets(&args.offsets)?;
     let down: Down = args.down.parse().map_err(|error: NotADirection| {
         PlanError::option("--down", format!("{error}"), "-y is right for the named structures")
     })?;
@@ -239,7 +243,7 @@ fn asked(args: &LearnArgs) -> Result<Asked, LearnError> {
     let joints_deg = read.joints_deg.clone().unwrap_or_else(|| vec![[0.0; 3]; bound]);
     let network = NetworkKind::from(args.network);
     let infeasible = |_| StructureCommandError::Infeasible { argument: args.structure.shown() };
-    let space = Space::of(&passive, network).map_err(infeasible)?;
+    let space = Space::with_offsets(&passive, network, offsets_deg).map_err(infeasible)?;
     let mut dead: Vec<u32> = args.dead.clone();
     dead.sort_unstable();
     dead.dedup();
@@ -274,6 +278,7 @@ fn asked(args: &LearnArgs) -> Result<Asked, LearnError> {
         fitness: args.fitness,
         heading_deg,
         upright: args.upright,
+        offsets_deg,
         trial_s: time.as_secs_f64(),
         trials: args.trials,
         from: from.as_ref().map(written),
@@ -285,6 +290,15 @@ fn asked(args: &LearnArgs) -> Result<Asked, LearnError> {
     let note = "no body was found: the reduced network is the full one".to_owned();
     let notes = (reduced && !has_body).then_some(note).into_iter().collect();
     Ok(Asked { study, part, from, seeds: Seeds::parse(&args.seeds)?, notes })
+}
+
+/// Reads the largest offset in degrees.
+fn offsets(text: &str) -> Result<f64, PlanError> {
+    let number = text.strip_suffix("deg").and_then(|n| n.trim().parse::<f64>().ok());
+    number.filter(|n| *n > 0.0 && *n <= 180.0).ok_or_else(|| {
+        let reason = format!("{} is not an angle above 0deg and up to 180deg", text.shown());
+        PlanError::option("--offsets", reason, "write an angle such as 30deg")
+    })
 }
 
 /// Reads an angle in degrees.

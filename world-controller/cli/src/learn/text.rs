@@ -31,12 +31,13 @@ pub fn text(study: &Study, file: &GaitFile, paint: Paint) -> String {
     let part = &file.study;
     let dead: Vec<String> = part.dead.iter().map(u32::to_string).collect();
     let mut out = format!(
-        "{}{}: {} with {} parameters, {}, trials of {} s, fitness {}{}\n\n",
+        "{}{}: {} with {} parameters, {}, offsets up to {}°, trials of {} s, fitness {}{}\n\n",
         paint.strong(&part.structure),
         if dead.is_empty() { String::new() } else { format!(", {} dead", dead.join(" ")) },
         part.network,
         study.space.dimensions(),
         part.method,
+        part.offsets_deg,
         number(part.trial_s),
         format!("{:?}", part.fitness).to_lowercase(),
         if part.upright { ", a fall ends a trial" } else { "" },

@@ -1,7 +1,7 @@
 //! Gait files: a learnt gait with everything needed to learn it again, and all trials.
 
 use super::ask_tell::Method;
-use super::space::{Gait, angle, phase, radians, turns};
+use super::space::{Gait, OFFSETS_DEG, angle, phase, radians, turns};
 use super::study::{Fitness, Trial};
 use metamorph_protocol::free_module::gait::message::{LARGEST, Parameters};
 use metamorph_protocol::free_module::structure::Joint;
@@ -53,6 +53,9 @@ pub struct StudyPart {
     /// True if a trial ended with a fall, and its speed counted a thousandth. Older files do not say so.
     #[serde(default)]
     pub upright: bool,
+    /// The largest offset of an oscillator in degrees. Older files, which do not say so, have 30.
+    #[serde(default = "offsets_deg")]
+    pub offsets_deg: f64,
     /// The time of a trial in seconds, after 2 s at rest.
     pub trial_s: f64,
     /// The number of gaits that each run tries.
@@ -61,6 +64,10 @@ pub struct StudyPart {
     pub from: Option<Vec<JointPart>>,
     /// The engine and its version.
     pub engine: String,
+}
+
+fn offsets_deg() -> f64 {
+    OFFSETS_DEG
 }
 
 /// The runs of a seed.
@@ -155,6 +162,7 @@ impl StudyPart {
                 ("--fitness", format!("{:?}", s.fitness).to_lowercase()),
                 ("--heading", s.heading_deg.map_or("any".to_owned(), |h| format!("{h} degrees"))),
                 ("--upright", s.upright.to_string()),
+                ("--offsets", format!("{}deg", s.offsets_deg)),
                 ("--trial", format!("{} s", s.trial_s)),
                 ("--from", format!("{} oscillators", s.from.as_ref().map_or(0, Vec::len))),
                 ("the engine", s.engine.clone()),

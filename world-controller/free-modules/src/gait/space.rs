@@ -11,8 +11,8 @@ use std::f64::consts::PI;
 /// A gait: the parameters of every oscillator.
 pub type Gait = BTreeMap<Joint, Parameters>;
 
-/// Offsets are at most this, in radians (the thesis gives no bounds).
-const OFFSET: f64 = PI / 6.0;
+/// Largest offset in degrees, unless a study says otherwise (the thesis gives no bounds).
+pub const OFFSETS_DEG: f64 = 30.0;
 
 /// Returns the largest amplitude of an articulation in radians (thesis table 7.1).
 const fn largest(role: Option<Role>) -> f64 {
@@ -30,16 +30,30 @@ pub struct Space {
     network: Network,
     /// The largest amplitude of each group of oscillators.
     amplitudes: Vec<f64>,
+    /// The largest offset in radians.
+    offset: f64,
     /// The couplings whose lags are parameters.
     tree: Vec<(Joint, Joint)>,
 }
 
 impl Space {
-    /// Returns the parameters of the network of a structure.
+    /// Returns the parameters of the network of a structure, with offsets of at most [`OFFSETS_DEG`].
     ///
     /// # Errors
     /// Refuses a structure in which no joint moves.
     pub fn of(structure: &Structure, kind: NetworkKind) -> Result<Space, NoOscillators> {
+        Space::with_offsets(structure, kind, OFFSETS_DEG)
+    }
+
+    /// Returns the parameters of the network of a structure, with offsets of at most this many degrees.
+    ///
+    /// # Errors
+    /// Refuses a structure in which no joint moves.
+    pub fn with_offsets(
+        structure: &Structure,
+        kind: NetworkKind,
+        offsets_deg: f64,
+    ) -> Result<Space, NoOscillators> {
         let morphology = Morphology::of(structure);
         let network = morphology.network(kind)?;
         let roles = morphology.articulations(kind);
@@ -49,7 +63,7 @@ impl Space {
         }
         let couplings = network.couplings.iter().zip(&network.tree);
         let tree = couplings.filter(|(_, tree)| **tree).map(|(pair, _)| *pair).collect();
-        Ok(Space { network, amplitudes, tree })
+        Ok(Space { network, amplitudes, offset: PI / (180.0 / offsets_deg), tree })
     }
 
     /// Returns the number of parameters.
@@ -90,7 +104,7 @@ impl Space {
         let oscillators = self.network.oscillators.iter().zip(&self.network.group);
         let parameters = |(joint, group): (&Joint, &usize)| {
             let amplitude = angle(point[*group] * self.amplitudes[*group]);
-            let offset = angle((2.0 * point[groups + group] - 1.0) * OFFSET);
+            let offset = angle((2.0 * point[groups + group] - 1.0) * self.offset);
             (*joint, Parameters { amplitude, offset, phase: phase(phases[joint]) })
         };
         oscillators.map(parameters).collect()
@@ -105,7 +119,7 @@ impl Space {
         for (joint, group) in self.network.oscillators.iter().zip(&self.network.group).rev() {
             if let Some(parameters) = gait.get(joint) {
                 point[*group] = radians(parameters.amplitude) / self.amplitudes[*group];
-                point[groups + group] = radians(parameters.offset) / OFFSET / 2.0 + 0.5;
+                point[groups + group] = radians(parameters.offset) / self.offset / 2.0 + 0.5;
             }
         }
         for ((a, b), lag) in self.tree.iter().zip(&mut point[2 * groups..]) {
@@ -178,7 +192,7 @@ mod tests {
         assert!(near(of(0, 0), PI / 2.0) && near(of(0, 2), PI / 2.0) && near(of(0, 1), 2.0 * PI / 3.0));
         let knees: Vec<&Joint> = gait.keys().filter(|j| j.module() != ModuleId(0)).collect();
         assert!(knees.len() == 4 && knees.iter().all(|j| near(radians(gait[*j].amplitude), PI / 6.0)));
-        assert!(gait.values().all(|p| near(radians(p.offset), OFFSET)));
+        assert!(gait.values().all(|p| near(radians(p.offset), OFFSETS_DEG.to_radians())));
         let full = Space::of(&named::structure("quad5-sym").unwrap(), NetworkKind::Fo).unwrap();
         assert!(full.gait(&vec![1.0; full.dimensions()]).values().all(|p| near(radians(p.amplitude), PI)));
     }

@@ -41,6 +41,9 @@ pub fn table() -> PlannerTable {
          --seeds 1..21 --write N.json` for each network N, then `--gaits` with all of them; 400 trials are five iterations"
             .to_owned(),
         "table 7.5 is by an analysis of variance, ours by the test of Mann and Whitney".to_owned(),
+        "which network is ahead after few trials depends on the range of offsets, which the thesis does not give: the full one with \
+         30° (`learn --offsets`), the reduced ones with 90° and more"
+            .to_owned(),
         "the thesis leaves open: the rate of amplitudes, phases at the start, bounds of offsets and lags, friction, the \
          posture at the start, whether time to settle counts, and what a self-collision is"
             .to_owned(),
