@@ -85,7 +85,7 @@ fn bad_arguments_are_refused() {
         (&[], "EXPERIMENT"),
         (
             &["4.3"],
-            "[possible values: 4.1, 4.2, fig4.5, graph-signature, on-grid, reward-map, planned, thesis-7, torque, transport, appendix-b, c.6, 8.2, e]",
+            "[possible values: 4.1, 4.2, fig4.5, stoy, graph-signature, on-grid, reward-map, planned, thesis-7, torque, transport, appendix-b, c.6, 8.2, e]",
         ),
         (&["4.1", "--seeds", "0"], "--seeds"),
         (&["4.1", "--seeds", "1000000"], "--seeds"),
@@ -131,4 +131,33 @@ fn appendix_b_contradicts_itself_on_a_table() {
     for part in ["SC overflows double precision", "contradiction 1", "contradiction 2", "--planner thesis"] {
         assert!(ran.out.contains(part), "`{part}` is missing in {}", ran.out);
     }
+}
+
+/// Trials that are kept are not repeated, and a figure of a sample has its interval and its test.
+#[test]
+fn trials_are_kept_and_continued() {
+    let directory = tempfile::tempdir().unwrap();
+    let out = directory.path().join("runs").display().to_string();
+    let stoy = |seeds: &str| {
+        let ran = run(&["reproduce", "stoy", "--seeds", seeds, "--out", &out, "--json", "-"]);
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+        serde_json::from_str::<serde_json::Value>(&ran.out).unwrap()
+    };
+    let kept = || fs::read_to_string(directory.path().join("runs/stoy.jsonl")).unwrap();
+    let first = stoy("1");
+    // A head, four sizes and five delays.
+    assert_eq!(kept().lines().count(), 1 + 4 + 5);
+    assert_eq!(stoy("1"), first);
+    let second = stoy("2");
+    assert_eq!(kept().lines().count(), 1 + 2 * (4 + 5));
+    let rows = second["planners"][0]["rows"].as_array().unwrap();
+    let row = |what: &str| rows.iter().find(|row| row["what"] == what).unwrap();
+    let built = row("1058 modules: built");
+    assert_eq!((built["ours"].as_str(), built["n"].as_u64()), (Some("100.0%"), Some(2)), "{built}");
+    assert!(built["interval"].as_str().unwrap().ends_with(" to 100.0%"), "{built}");
+    let exponent = row("moves grow as N to the power of")["ours"].as_str().unwrap().parse::<f64>().unwrap();
+    assert!((1.0..2.0).contains(&exponent), "{exponent}");
+    // Where messages take the same time, the published rule is safe.
+    let safe = rows.iter().find(|row| row["what"].as_str().unwrap().ends_with("50 ms each: safe")).unwrap();
+    assert_eq!(safe["ours"], "100.0%", "{safe}");
 }

@@ -14,7 +14,9 @@ Examples:
   metamorph reproduce 4.2 --seeds 100 --out results
   metamorph reproduce 4.1 --quiet --json - | jq '.experiments[0].cells[0]'
   metamorph reproduce graph-signature on-grid reward-map planned
-  metamorph reproduce torque transport thesis-7
+  metamorph reproduce stoy --seeds 20
+  metamorph reproduce torque thesis-7
+  metamorph reproduce transport --out worlds     again after Ctrl-C: it continues
   metamorph reproduce thesis-7 --gaits fo.json,blf.json,blf-sym.json
   metamorph reproduce c.6 8.2
 
@@ -23,7 +25,8 @@ reading of its text, with every kind (PAR, PER, SRS, SRZ), strategy (greedy, slo
 and order of seeds (circular, crosswise, at-once), and print the published numbers beside ours: with exact
 tests, another reading, the effect of each open assumption (from fewer seeds), and whether experiments of
 the published size show what the thesis says. The experiments of planners, and thesis-7, are not sweeps:
-they are named without these and without --out, and print one table each.
+they are named without these and without --out, and print one table each. `stoy` and `transport` take
+--out alone: they keep every run in DIR, and the same command continues where it was interrupted.
 
 Files in DIR: report.html with tables and plots, and for each of box and chair the scenario and a
 directory as `metamorph sweep` writes it; the same for the other reading (box-locks, chair-locks) and for other
@@ -55,7 +58,8 @@ pub struct ReproduceArgs {
     /// Number of concurrent runs; default: the number of processors
     #[arg(long, value_name = "N")]
     pub jobs: Option<NonZeroUsize>,
-    /// Write every run and a report to files in this directory, which must be new or empty
+    /// Write every run and a report to files in this directory, which must be new or empty, except for
+    /// `stoy` and `transport`, which continue there
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Write the numbers as JSON to a file, or to standard output with `-` (text for people then goes

@@ -1,5 +1,6 @@
 //! Errors of a reproduction: the reasons why an experiment cannot be repeated.
 
+use crate::planners::trials::TrialsError;
 use metamorph_console::output::OutputError;
 use metamorph_experiments::sweep::SweepError;
 use metamorph_experiments::sweep::store::StoreError;
@@ -17,12 +18,15 @@ pub enum ReproduceError {
     Sweep(#[from] SweepError),
     /// An experiment of a planner is not a sweep.
     #[error(
-        "{0}: this experiment of a planner is not a sweep, so there are no runs to keep or to print with others\n  fix: name it alone, without --out; --json FILE has its numbers"
+        "{0}: this experiment of a planner is not a sweep, so there are no runs to keep or to print with others\n  fix: name it alone, without --out, which only `stoy` and `transport` have of these; --json FILE has its numbers"
     )]
     NotTogether(&'static str),
     /// A gait file is wrong.
     #[error(transparent)]
     Gaits(#[from] PlanError),
+    /// The trials of an experiment cannot be kept, or those that are there be used.
+    #[error(transparent)]
+    Trials(TrialsError),
     /// A session log cannot be read.
     #[error("metamorph: --study {0}")]
     Study(#[from] LogError),
@@ -33,7 +37,9 @@ impl CommandError for ReproduceError {
         match self {
             ReproduceError::Sweep(error) => error.exit_code(),
             ReproduceError::Gaits(error) => error.exit_code(),
-            ReproduceError::NotTogether(_) | ReproduceError::Study(_) => BAD_USAGE,
+            ReproduceError::NotTogether(_) | ReproduceError::Study(_) | ReproduceError::Trials(_) => {
+                BAD_USAGE
+            }
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The planner of the 2009 report (chapters 3 and 5): searches of a whole space, first plans, and what they miss.
 
 use super::PlannerTable;
+use super::sample::Ratios;
 use crate::Experiment;
 use metamorph_console::interrupt::Interrupt;
 use metamorph_protocol::assembly::action::{Connectors, Rules};
@@ -72,8 +73,11 @@ pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
         (0..seeds).map_while(|s| run(&start, &goal, s, true, stop)).filter_map(|f| f.first).collect();
     let lengths: Vec<u64> = firsts.iter().map(|f| f.0.into()).collect();
     let graphs: Vec<u64> = firsts.iter().map(|f| f.1).collect();
-    table.row(format!("  first plan, actions ({seeds} seeds)"), "14", summary(&lengths));
-    table.row("  graphs before the first plan", "about 10,000; least < 1,000", summary(&graphs));
+    table.ratio("  first plan, actions: mean", "14", &Ratios::new(lengths.iter().map(|n| (*n, 1))));
+    table.row("    others", "", summary(&lengths));
+    let before = Ratios::new(graphs.iter().map(|n| (*n, 1)));
+    table.ratio("  graphs before the first plan: mean", "about 10,000; least < 1,000", &before);
+    table.row("    others", "", summary(&graphs));
     let exact = optimum(&start, &goal);
     let text = |o: Option<(u32, u64, u64)>| {
         o.map_or_else(
@@ -98,7 +102,6 @@ pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
         "times: 10 to 15 minutes for 4 modules were published; time this command or `metamorph plan`"
             .to_owned(),
         "histograms 5.2 to 5.5 are figures without numbers, and cannot be compared".to_owned(),
-        "of 53 first plans of another implementation of the same text the mean was 9.6 actions".to_owned(),
     ];
     table
 }
@@ -127,7 +130,6 @@ fn summary(values: &[u64]) -> String {
     let mut sorted = values.to_vec();
     sorted.sort_unstable();
     let (Some(least), Some(most)) = (sorted.first(), sorted.last()) else { return "none".to_owned() };
-    let mean = sorted.iter().sum::<u64>() as f64 / sorted.len() as f64;
     let median = sorted[sorted.len() / 2];
-    format!("mean {mean:.1}, median {}, {} to {}", count(median), count(*least), count(*most))
+    format!("median {}, {} to {}", count(median), count(*least), count(*most))
 }

@@ -55,9 +55,17 @@ pub fn table(request: &Request, stop: &Interrupt) -> Result<PlannerTable, Reprod
             for strategy in Strategy::ALL {
                 let of: Vec<&Combination> =
                     summary.combinations.iter().filter(|c| c.values[1] == strategy.name()).collect();
-                let published =
-                    if condition.keys.is_empty() { published(goal, strategy) } else { String::new() };
-                table.row(format!("  {}", strategy.name()), published, ours(&of));
+                let published = published(goal, strategy).filter(|_| condition.keys.is_empty());
+                let built = (
+                    of.iter().map(|c| c.ended(Outcome::Built)).sum::<u64>(),
+                    of.iter().map(|c| c.runs).sum::<u64>(),
+                );
+                let printed = published.map_or(String::new(), |(built, all)| format!("{built} of {all}"));
+                let row = table.share(format!("  {}: built", strategy.name()), printed, built);
+                if let Some(published) = published {
+                    row.against(built, published);
+                }
+                table.row("    means of these", "", ours(&of));
             }
         }
     }
@@ -87,30 +95,24 @@ fn axes(goal: Goal, condition: &Condition) -> Vec<Axis> {
     all
 }
 
-/// Returns the share of the published runs that did not deadlock.
-fn published(goal: Goal, strategy: Strategy) -> String {
+/// Returns the published runs that did not deadlock, and all; `None` for a strategy that is not published.
+fn published(goal: Goal, strategy: Strategy) -> Option<(u64, u64)> {
     let cells: Vec<_> = KINDS.iter().flat_map(|kind| goal.table().cells(*kind, strategy)).collect();
-    match cells.len() {
-        0 => String::new(),
-        n => format!("{} of {n}", cells.iter().filter(|c| !c.deadlock).count()),
-    }
+    let built = cells.iter().filter(|c| !c.deadlock).count();
+    (!cells.is_empty()).then_some((built as u64, cells.len() as u64))
 }
 
 /// Returns our figures of a strategy, over all kinds.
 fn ours(of: &[&Combination]) -> String {
-    let runs: u64 = of.iter().map(|c| c.runs).sum();
-    let built: u64 = of.iter().map(|c| c.ended(Outcome::Built)).sum();
     let violations: u64 = of.iter().map(|c| c.violations).sum();
     let mean = |spread: &dyn Fn(&Combination) -> Option<Spread>| {
         let spreads = || of.iter().filter_map(|c| spread(c));
         let values: u64 = spreads().map(|s| s.count).sum();
         spreads().map(|s| s.mean * s.count as f64).sum::<f64>() / values.max(1) as f64
     };
-    let share = 100.0 * built as f64 / runs.max(1) as f64;
     let broken = if violations == 0 { String::new() } else { format!("; {violations} violations") };
     format!(
-        "{share:.1} % of {} built; {:.1} moves, {:.0} s, {:.0} messages, {:.2} collisions prevented{broken}",
-        count(runs),
+        "{:.1} moves, {:.0} s, {:.0} messages, {:.2} collisions prevented{broken}",
         mean(&|c| c.moves),
         mean(&|c| c.makespan_s),
         mean(&|c| c.messages),

@@ -1,6 +1,7 @@
 //! The reward map (thesis 4.2.3): metamodules on a floor, the published scheme beside exact moves.
 
 use super::PlannerTable;
+use super::sample::Ratios;
 use crate::Experiment;
 use crate::published::KINDS;
 use metamorph_console::interrupt::Interrupt;
@@ -17,8 +18,10 @@ const BOX: i16 = 6;
 /// The channel of the floor with a narrow passage: its length in x and its width in y, in connectors. The floor has no other
 /// connectors at these x.
 const CHANNEL: [std::ops::RangeInclusive<i16>; 2] = [5..=7, 5..=7];
-/// Moves of the experiment with failing connections.
-const MOVES: u64 = 100_000;
+/// Number of runs of each published experiment.
+const PUBLISHED: u64 = 24;
+/// Moves of the experiment with failing connections for each seed.
+const MOVES: u64 = 100;
 
 /// Makes the table.
 pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
@@ -31,20 +34,33 @@ pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
         let channel = passage(kind);
         let name = format!("{kind}, floor: failed tries per minimal move");
         let cube = Terrain::cube(kind, BOX);
-        let scheme = |terrain: &Terrain, penalty: u32, draw: Draw| {
-            published(terrain, seeds, &Reading { penalty, smallest: false }, draw)
-        };
-        table.row(name, "1.22; 100 % reached", scheme(&floor, 0, ends));
-        table.row("  with a penalty of 2 moves for each visit", "", scheme(&floor, 2, ends));
+        let once = Reading { penalty: 0, smallest: false };
+        let visits = Reading { penalty: 2, smallest: false };
         let smallest = Reading { penalty: 0, smallest: true };
-        table.row("  always arriving in the smallest class", "", published(&floor, seeds, &smallest, ends));
-        table.row("  box", "0.92; 100 % reached", scheme(&cube, 0, ends));
-        table.row("  box, with a penalty of 2 moves for each visit", "", scheme(&cube, 2, ends));
-        table.row("  floor with a narrow passage", "100 % reached", scheme(&channel, 0, through));
+        let scheme =
+            |terrain: &Terrain, reading: &Reading, draw: Draw| Scheme::run(terrain, seeds, reading, draw);
+        scheme(&floor, &once, ends).rows(&mut table, &name, Some(1.22));
+        scheme(&floor, &visits, ends).rows(
+            &mut table,
+            "  with a penalty of 2 moves for each visit",
+            Some(1.22),
+        );
+        scheme(&floor, &smallest, ends).rows(
+            &mut table,
+            "  always arriving in the smallest class",
+            Some(1.22),
+        );
+        scheme(&cube, &once, ends).rows(&mut table, "  box", Some(0.92));
+        scheme(&cube, &visits, ends).rows(
+            &mut table,
+            "  box, with a penalty of 2 moves for each visit",
+            Some(0.92),
+        );
+        scheme(&channel, &once, through).rows(&mut table, "  floor with a narrow passage", None);
         table.row("  exact moves: failed tries; reached", "", exact(&floor, seeds, ends));
         table.row("  exact moves on the box", "", exact(&cube, seeds, ends));
         table.row("  exact moves through the passage", "", exact(&channel, seeds, through));
-        let (tries, moves) = failing(&floor);
+        let (tries, moves) = failing(&floor, seeds * MOVES);
         let ratio = tries as f64 / moves.max(1) as f64;
         let ours = format!("{ratio:.4} in {} moves (expected 1.0526)", count(moves));
         table.row("  tries per move, 5 % of connections fail", "1.05 (19 of 20)", ours);
@@ -52,7 +68,7 @@ pub fn table(seeds: u64, stop: &Interrupt) -> PlannerTable {
     }
     table.notes = vec![
         format!(
-            "floor of {SIDE} by {SIDE} connectors, {seeds} random starts and goals with classes; 24 published"
+            "floor of {SIDE} by {SIDE} connectors, {seeds} random starts and goals with classes; {PUBLISHED} published. p of failed tries: how often {PUBLISHED} of our walks differ as much"
         ),
         "the text leaves bonus, penalty, discount, ties, classes and start poses open; this is one reading"
             .to_owned(),
@@ -108,24 +124,41 @@ struct Reading {
     smallest: bool,
 }
 
-fn published(terrain: &Terrain, seeds: u64, reading: &Reading, draw: Draw) -> String {
-    let (mut reached, mut failed, mut minimal, mut moves) = (0, 0, 0, 0);
-    for seed in 0..seeds {
-        let (from, goal) = draw(terrain, &mut Rng::named(seed, "reward map", 0));
-        let mut classes = Rng::named(seed, "classes of arrival", 0);
-        let class = |n: usize| if reading.smallest { 0 } else { classes.below(n as u64) as usize };
-        let walk = terrain.walk(from, goal, reading.penalty, class);
-        if !walk.reached {
-            continue;
+/// Walks by the published scheme.
+struct Scheme {
+    walks: u64,
+    /// Failed tries and minimal moves of each walk that reached its goal.
+    failed: Vec<(u64, u64)>,
+    /// Moves and minimal moves of the same walks.
+    moves: Vec<(u64, u64)>,
+}
+
+impl Scheme {
+    fn run(terrain: &Terrain, seeds: u64, reading: &Reading, draw: Draw) -> Scheme {
+        let mut scheme = Scheme { walks: seeds, failed: Vec::new(), moves: Vec::new() };
+        for seed in 0..seeds {
+            let (from, goal) = draw(terrain, &mut Rng::named(seed, "reward map", 0));
+            let mut classes = Rng::named(seed, "classes of arrival", 0);
+            let class = |n: usize| if reading.smallest { 0 } else { classes.below(n as u64) as usize };
+            let walk = terrain.walk(from, goal, reading.penalty, class);
+            if walk.reached {
+                let minimal = u64::from(walk.minimal);
+                scheme.failed.push((walk.failed.into(), minimal));
+                scheme.moves.push((walk.moves.into(), minimal));
+            }
         }
-        reached += 1;
-        failed += u64::from(walk.failed);
-        minimal += u64::from(walk.minimal);
-        moves += u64::from(walk.moves);
+        scheme
     }
-    let per = |n: u64| n as f64 / minimal.max(1) as f64;
-    let share = percent(reached as f64 / seeds.max(1) as f64);
-    format!("{:.2}; {share} reached; {:.2} moves per minimal one", per(failed), per(moves))
+
+    /// Adds its rows; `published` is the printed number of failed tries for each minimal move.
+    fn rows(self, table: &mut PlannerTable, name: &str, published: Option<f64>) {
+        let reached = (self.failed.len() as u64, self.walks);
+        let failed = Ratios::new(self.failed);
+        let row = table.ratio(name, published.map_or(String::new(), |p| format!("{p}")), &failed);
+        row.p = published.and_then(|p| failed.p(p, PUBLISHED));
+        table.share("    goals reached", "100 %", reached).against(reached, (PUBLISHED, PUBLISHED));
+        table.ratio("    moves per minimal one", "", &Ratios::new(self.moves));
+    }
 }
 
 fn exact(terrain: &Terrain, seeds: u64, draw: Draw) -> String {
@@ -146,10 +179,11 @@ fn five_percent() -> Ratio {
     Ratio::new(1, 20).expect("one of twenty is a probability")
 }
 
-fn failing(floor: &Terrain) -> (u64, u64) {
+/// Returns tries and moves of walks with at least this many moves.
+fn failing(floor: &Terrain, least: u64) -> (u64, u64) {
     let mut rng = Rng::named(0, "failing connections", 0);
     let (mut tries, mut moves) = (0, 0);
-    while moves < MOVES {
+    while moves < least {
         let (_, goal) = ends(floor, &mut rng);
         let expected = floor.expected(goal, |_| five_percent());
         for _ in 0..200 {

@@ -1,0 +1,91 @@
+//! Intervals of figures that come from samples, and tests of whether the published figure can come from the same source.
+
+use metamorph_protocol::rng::Rng;
+
+/// Number of samples drawn with replacement for an interval or a test.
+const DRAWS: u64 = 2_000;
+
+/// Two counts of each trial, whose figure is the ratio of their sums, such as failed tries and minimal moves.
+pub struct Ratios(Vec<(u64, u64)>);
+
+impl Ratios {
+    /// Collects the counts of each trial.
+    pub fn new(counts: impl IntoIterator<Item = (u64, u64)>) -> Ratios {
+        Ratios(counts.into_iter().collect())
+    }
+
+    /// Returns the number of trials.
+    pub fn len(&self) -> u64 {
+        self.0.len() as u64
+    }
+
+    /// Returns the ratio of the sums.
+    pub fn ratio(&self) -> f64 {
+        ratio(self.0.iter().copied())
+    }
+
+    /// Returns the 95 % interval of the ratio, by the bootstrap (percentiles; Efron 1979); `None` without trials.
+    pub fn interval(&self) -> Option<[f64; 2]> {
+        let drawn = self.drawn(self.len())?;
+        let at = |share: f64| drawn[(share * (drawn.len() - 1) as f64).round() as usize];
+        Some([at(0.025), at(0.975)])
+    }
+
+    /// Returns the two-sided probability that as few trials as were published show a ratio at least as far from ours as the
+    /// published one; `None` without trials.
+    pub fn p(&self, published: f64, trials: u64) -> Option<f64> {
+        let drawn = self.drawn(trials)?;
+        let share = |of: fn(f64, f64) -> bool| {
+            // One is added to both, so that no probability is 0 that only so many draws support.
+            (1 + drawn.iter().filter(|ratio| of(**ratio, published)).count()) as f64
+                / (drawn.len() + 1) as f64
+        };
+        Some((2.0 * share(|r, p| r <= p).min(share(|r, p| r >= p))).min(1.0))
+    }
+
+    /// Draws samples of this size with replacement, and returns their ratios in increasing order.
+    fn drawn(&self, size: u64) -> Option<Vec<f64>> {
+        if self.0.is_empty() {
+            return None;
+        }
+        let sample = |i: u64| {
+            let mut rng = Rng::named(0, "bootstrap", i);
+            ratio((0..size).map(|_| self.0[rng.below(self.len()) as usize]))
+        };
+        let mut all: Vec<f64> = (0..DRAWS).map(sample).collect();
+        all.sort_unstable_by(f64::total_cmp);
+        Some(all)
+    }
+}
+
+fn ratio(counts: impl Iterator<Item = (u64, u64)>) -> f64 {
+    let (above, below) = counts.fold((0, 0), |sum, c| (sum.0 + c.0, sum.1 + c.1));
+    above as f64 / below.max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_interval_holds_the_ratio_and_shrinks_with_the_sample() {
+        let of = |n: u64| Ratios::new((0..n).map(|i| (i % 5, 2)));
+        let width = |r: &Ratios| {
+            let [low, high] = r.interval().unwrap();
+            assert!(low <= r.ratio() && r.ratio() <= high);
+            high - low
+        };
+        assert_eq!(of(100).ratio(), 1.0);
+        assert!(width(&of(1_000)) < 0.5 * width(&of(50)));
+        assert_eq!((Ratios::new([]).interval(), Ratios::new([]).p(1.0, 24)), (None, None));
+    }
+
+    #[test]
+    fn a_published_ratio_far_from_ours_is_improbable() {
+        let ours = Ratios::new((0..1_000).map(|i| (i % 5, 2)));
+        assert!(ours.p(1.0, 24).unwrap() > 0.5);
+        assert!(ours.p(1.6, 24).unwrap() < 0.01);
+        // The same difference is no surprise in two trials.
+        assert!(ours.p(1.6, 2).unwrap() > 0.1);
+    }
+}
