@@ -12,6 +12,7 @@
 
 pub mod access;
 pub mod control;
+pub mod control_client;
 pub mod export;
 pub mod http;
 pub mod metrics_server;

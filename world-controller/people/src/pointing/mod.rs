@@ -11,13 +11,18 @@ use clap::Args;
 use dwell::Rule;
 use metamorph_console::output::{Json, OutputError, Outputs};
 use metamorph_console::terminal::{Channel, failure, print_data};
+use metamorph_protocol::time::{Span, SpanError};
 use metamorph_scenario::grid::{GridError, Seeds};
-use metamorph_text::command_error::{BAD_USAGE, CommandError};
+use metamorph_sim_bridge::director::steering::LONGEST_LEASE;
+use metamorph_text::command_error::{BAD_USAGE, CommandError, FAILED};
+use metamorph_view::control_client::{ClientError, ControlClient};
+use ray::Tile;
 use serde::Serialize;
+use serde_json::Value;
 use std::fmt::Write;
 use std::io::{self, BufRead, Read as _};
 use std::path::PathBuf;
-use stream::{LONGEST, SampleError, Track};
+use stream::{LONGEST, Pointed, SampleError, Track};
 use thiserror::Error;
 use trial::{Setup, Tally, tries};
 
@@ -25,15 +30,17 @@ use trial::{Setup, Tally, tries};
 pub const EXAMPLES: &str = "\
 Examples:
   tracker | metamorph point                                      a line of JSON for each sample
+  tracker | metamorph point --control address --module 3         metamodule 3 goes to each selected tile
   metamorph point --noise 20mm --distance 2m --seeds 0..1000     how often the right tile is selected
 
 A sample is a line of standard input: {\"t\": 0.033, \"head\": [0, 0, 1.7], \"hand\": [0.5, 0.1, 1.3]}, in
 seconds and metres, z up, the floor at z = 0. The answer has the tile that is pointed at (its centre is at
-0.11 m times its numbers), its charge from 0 to 1, and whether it is selected now.
+0.11 m times its numbers), its charge from 0 to 1, and whether it is selected now; with --control also the
+command that was sent, and the answer of the run.
 
 Exit codes:
   0  the input was read to its end, or the tries were made
-  1  the program itself failed
+  1  the program itself failed, or the run cannot be reached
   2  the command line or a sample is wrong; the error names its line, reason and fix";
 
 /// Version of the JSON output.
@@ -57,6 +64,16 @@ pub struct PointArgs {
     /// Seeds of the tries, one each
     #[arg(long, value_name = "A..B", default_value = "0..1000", requires = "noise")]
     pub seeds: String,
+    /// Send a metamodule of a run under control to each tile that is selected; the file holds the second
+    /// address that `metamorph run --view --control` prints. Default: none, tiles are only reported
+    #[arg(long, value_name = "FILE", requires = "module", conflicts_with = "noise")]
+    pub control: Option<PathBuf>,
+    /// The metamodule, or the cube, that is sent; default: none, which --control refuses
+    #[arg(long, value_name = "N", requires = "control")]
+    pub module: Option<u32>,
+    /// How long it stays there, such as 60s, at most 600s
+    #[arg(long = "for", value_name = "T", default_value = "60s", requires = "control", value_parser = lease)]
+    pub lease: Span,
     /// Write the results as JSON to a file, or to standard output with `-` (text for people then goes
     /// to standard error)
     #[arg(long, value_name = "FILE|-", allow_hyphen_values = true, requires = "noise")]
@@ -70,6 +87,14 @@ fn length(text: &str) -> Result<f64, String> {
         .ok_or("write a length with its unit, such as 20mm, 2cm or 1.5m")?;
     let metres = number.parse::<f64>().map_err(|_| "write a length such as 20mm, 2cm or 1.5m")? * unit;
     if (0.0..=100.0).contains(&metres) { Ok(metres) } else { Err("lengths are from 0 to 100 m".to_owned()) }
+}
+
+fn lease(text: &str) -> Result<Span, String> {
+    let lease: Span = text.parse().map_err(|e: SpanError| e.to_string())?;
+    match lease {
+        _ if lease > Span::ZERO && lease <= LONGEST_LEASE => Ok(lease),
+        _ => Err(format!("leases are above 0 and at most {LONGEST_LEASE}")),
+    }
 }
 
 fn share(text: &str) -> Result<f64, String> {
@@ -92,6 +117,9 @@ pub enum PointError {
     /// Too many tries.
     #[error("--seeds {0}: {MAX_TRIES} is the maximum\n  fix: take fewer seeds")]
     TooMany(Seeds),
+    /// The run cannot be commanded.
+    #[error(transparent)]
+    Control(#[from] ClientError),
     /// An output cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -101,6 +129,7 @@ impl CommandError for PointError {
     fn exit_code(&self) -> u8 {
         match self {
             PointError::Output(error) => error.exit_code(),
+            PointError::Control(ClientError::Unreachable(_) | ClientError::System(_)) => FAILED,
             _ => BAD_USAGE,
         }
     }
@@ -131,7 +160,15 @@ struct Answer {
 /// # Errors
 /// If a sample or an option is wrong, or an output cannot be written.
 pub fn point(args: &PointArgs) -> Result<(), PointError> {
-    let Some(noise) = args.noise else { return follow(&mut io::stdin().lock()) };
+    let Some(noise) = args.noise else {
+        let messenger = match (&args.control, args.module) {
+            (Some(path), Some(module)) => {
+                Some(Messenger { client: ControlClient::open(path)?, module, lease: args.lease })
+            }
+            _ => None,
+        };
+        return follow(&mut io::stdin().lock(), messenger);
+    };
     let seeds = Seeds::parse(&args.seeds)?;
     if seeds.len() > MAX_TRIES {
         return Err(PointError::TooMany(seeds));
@@ -153,8 +190,41 @@ pub fn point(args: &PointArgs) -> Result<(), PointError> {
     Ok(json.write(&answer)?)
 }
 
-/// Answers each sample.
-fn follow(input: &mut impl BufRead) -> Result<(), PointError> {
+/// Sends one module of a run to tiles.
+struct Messenger {
+    client: ControlClient,
+    module: u32,
+    lease: Span,
+}
+
+/// The command that a selected tile led to.
+#[derive(Debug, Serialize)]
+struct Commanded {
+    command: String,
+    /// The answer of the run.
+    answer: Value,
+}
+
+impl Messenger {
+    fn send(&mut self, [x, y]: Tile) -> Result<Commanded, ClientError> {
+        let command = format!("goto {} [{x}, {y}, 0] for {}", self.module, self.lease);
+        let answer = self.client.command(std::slice::from_ref(&command))?;
+        Ok(Commanded { command, answer })
+    }
+}
+
+/// The answer to a sample.
+#[derive(Debug, Serialize)]
+struct Answered {
+    #[serde(flatten)]
+    pointed: Pointed,
+    /// Only in a sample that selects a tile, under control.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    commanded: Option<Commanded>,
+}
+
+/// Answers each sample, and sends the module to each tile that is selected.
+fn follow(input: &mut impl BufRead, mut messenger: Option<Messenger>) -> Result<(), PointError> {
     let mut track = Track::default();
     let mut line = Vec::new();
     for number in 1.. {
@@ -164,7 +234,12 @@ fn follow(input: &mut impl BufRead) -> Result<(), PointError> {
             break;
         }
         let pointed = track.line(line.trim_ascii()).map_err(|e| PointError::Sample(number, e))?;
-        print_data(&serde_json::to_string(&pointed).map_err(io::Error::from)?);
+        let selected = pointed.tile.filter(|_| pointed.selected);
+        let commanded = match (&mut messenger, selected) {
+            (Some(messenger), Some(tile)) => Some(messenger.send(tile)?),
+            _ => None,
+        };
+        print_data(&serde_json::to_string(&Answered { pointed, commanded }).map_err(io::Error::from)?);
     }
     Ok(())
 }
