@@ -39,6 +39,7 @@ pub fn all() -> Vec<Format> {
         text("gait", gait::document::VERSION.into()),
         text("plan and structure", plan::document::VERSION.into()),
         text("sweep directory", experiments::sweep::store::VERSION.into()),
+        text("trials of reproduce", experiments::reproduce::planners::trials::VERSION.into()),
         json("report", report::schema::SCHEMA),
         json("sweep summary", experiments::sweep::summary::SCHEMA),
         json("explore", experiments::explore::summary::SCHEMA),

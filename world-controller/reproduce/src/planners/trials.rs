@@ -25,7 +25,7 @@ use thiserror::Error;
 /// The name of the format.
 const FORMAT: &str = "metamorph-trials";
 /// The version of the file's layout.
-const VERSION: u32 = 1;
+pub const VERSION: u32 = 1;
 /// Time after which the line of progress is redrawn though no trial has ended.
 const PATIENCE: Duration = Duration::from_millis(200);
 
