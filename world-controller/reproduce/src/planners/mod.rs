@@ -92,6 +92,9 @@ struct Document {
     planners: Vec<PlannerTable>,
 }
 
+/// A column of the text: its heading, and its cell in a row.
+type Column = (&'static str, fn(&Row) -> String);
+
 impl PlannerTable {
     fn new(experiment: Experiment) -> PlannerTable {
         let (name, title) = (experiment.name().to_owned(), experiment.title().to_owned());
@@ -126,7 +129,7 @@ impl PlannerTable {
 
     fn text(&self, paint: Paint) -> String {
         // Columns that say nothing are left out.
-        let columns: [(&str, fn(&Row) -> String); 6] = [
+        let columns: [Column; 6] = [
             ("published", |r| r.published.clone()),
             ("target of this project", |r| r.target.clone()),
             ("ours", |r| r.ours.clone()),
