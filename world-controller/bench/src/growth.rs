@@ -7,11 +7,11 @@
 //! Exponents are fits over the measured sizes, also those of the lower bounds: they bound nothing. The bounds of a large size take
 //! as long as its run, so a run is told before they are computed.
 
+use super::BenchError;
 use super::bottleneck::least_move_times;
 use super::machine::CpuWatch;
 use super::matching::least_moves;
 use super::walking::{Walking, WalkingCounts};
-use super::{BenchError, Fit, fit};
 use metamorph_console::terminal::Live;
 use metamorph_families::cube::Cubes;
 use metamorph_families::runnable::Runnable;
@@ -19,6 +19,7 @@ use metamorph_families::simulated::simulation;
 use metamorph_processes::family::read_text;
 use metamorph_protocol::coverage;
 use metamorph_protocol::lattice::Cell;
+use metamorph_report::statistics::PowerLaw;
 use metamorph_scenario::{LinkKind, Overrides, Plan};
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::progress::Progress;
@@ -65,13 +66,13 @@ pub struct Growth {
     /// A row for each size.
     pub rows: Vec<Row>,
     /// Growth of the scenario time until the goal is complete.
-    pub makespan: Option<Fit>,
+    pub makespan: Option<PowerLaw>,
     /// Growth of the moves.
-    pub moves: Option<Fit>,
+    pub moves: Option<PowerLaw>,
     /// Growth of the lower bound of the moves over these sizes. The fit itself is not a bound.
-    pub least_moves: Option<Fit>,
+    pub least_moves: Option<PowerLaw>,
     /// Growth of the messages.
-    pub messages: Option<Fit>,
+    pub messages: Option<PowerLaw>,
 }
 
 /// The result for one size.
@@ -124,8 +125,9 @@ pub fn measure(
             rows.push(row(&plan, live, tell)?);
         }
     }
-    let grows =
-        |f: fn(&Row) -> f64| fit(&rows.iter().map(|r| (shape.size(r) as f64, f(r))).collect::<Vec<_>>());
+    let grows = |f: fn(&Row) -> f64| {
+        PowerLaw::of(&rows.iter().map(|r| (shape.size(r) as f64, f(r))).collect::<Vec<_>>())
+    };
     Ok(Growth {
         shape,
         makespan: grows(|r| r.makespan_s),

@@ -1,6 +1,5 @@
 //! Formats results as text for the terminal.
 
-use super::Fit;
 use super::busy;
 use super::chairs;
 use super::churn::Churn;
@@ -10,6 +9,7 @@ use super::growth::{Growth, Row, Run, Shape};
 use super::machine::Machine;
 use super::swarm::Swarms;
 use super::wire;
+use metamorph_report::statistics::PowerLaw;
 use metamorph_text::format::number;
 use metamorph_text::format::{bytes, count, many, percent};
 use metamorph_text::paint::Paint;
@@ -149,7 +149,7 @@ pub fn growth(g: &Growth, paint: Paint) -> String {
         [.., a, b] => (f(b) / f(a)).ln() / (size(b) / size(a)).ln(),
         _ => 0.0,
     };
-    let grows = |what: &str, fit: Option<Fit>, of: fn(&Row) -> f64| match fit {
+    let grows = |what: &str, fit: Option<PowerLaw>, of: fn(&Row) -> f64| match fit {
         Some(f) => format!(
             "  {what} as N^{:.2} (R² {:.3}), in the end N^{:.2}\n",
             f.exponent,

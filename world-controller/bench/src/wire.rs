@@ -12,6 +12,7 @@ use metamorph_console::stopwatch::Stopwatch;
 use metamorph_console::terminal::Live;
 use metamorph_module_agent::transport::iceoryx::rendezvous;
 use metamorph_processes::swarm::RunDir;
+use metamorph_report::statistics::quantile;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use serde::Serialize;
 use std::fs::File;
@@ -119,16 +120,13 @@ impl Cost {
         let good = || turns.iter().filter(|t| t.round_trip_ns <= fastest * BAD_PLACEMENT);
         let mut singles: Vec<f64> = good().flat_map(|t| t.singles_ns.iter().copied()).collect();
         singles.sort_by(f64::total_cmp);
-        let quantile = |thousandths: usize| {
-            let last = singles.len().saturating_sub(1);
-            singles.get((singles.len() * thousandths / 1_000).min(last)).copied().unwrap_or(0.0)
-        };
+        let at = |q| if singles.is_empty() { 0.0 } else { quantile(&singles, q) };
         Cost {
             round_trip_ns: median(&mut good().map(|t| t.round_trip_ns).collect::<Vec<f64>>()),
             undisturbed_ns: turns.iter().map(|t| t.undisturbed_ns).fold(f64::INFINITY, f64::min),
-            p50_ns: quantile(500),
-            p99_ns: quantile(990),
-            p99_9_ns: quantile(999),
+            p50_ns: at(0.5),
+            p99_ns: at(0.99),
+            p99_9_ns: at(0.999),
             messages_per_s: median(&mut good().map(|t| t.messages_per_s).collect::<Vec<f64>>()),
             turns: turns.len(),
             bad_placements: turns.len() - good().count(),

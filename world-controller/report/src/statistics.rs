@@ -177,9 +177,38 @@ impl Spread {
     }
 }
 
+/// Growth of `y` with `x`: the exponent of the best-fitting power law, and how well it fits.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PowerLaw {
+    /// The exponent.
+    pub exponent: f64,
+    /// The share of the variance of the logarithms that it explains.
+    pub r_squared: f64,
+}
+
+impl PowerLaw {
+    /// Fits a least-squares line through the logarithms; `None` for fewer than three points.
+    pub fn of(points: &[(f64, f64)]) -> Option<PowerLaw> {
+        let logs: Vec<(f64, f64)> =
+            points.iter().filter(|(x, y)| *x > 0.0 && *y > 0.0).map(|(x, y)| (x.ln(), y.ln())).collect();
+        if logs.len() < 3 {
+            return None;
+        }
+        let n = logs.len() as f64;
+        let mean = |f: fn(&(f64, f64)) -> f64| logs.iter().map(f).sum::<f64>() / n;
+        let (mx, my) = (mean(|p| p.0), mean(|p| p.1));
+        let sum = |f: &dyn Fn(f64, f64) -> f64| logs.iter().map(|(x, y)| f(x - mx, y - my)).sum::<f64>();
+        let (xx, xy, yy) = (sum(&|x, _| x * x), sum(&|x, y| x * y), sum(&|_, y| y * y));
+        if xx == 0.0 || yy == 0.0 {
+            return None;
+        }
+        Some(PowerLaw { exponent: xy / xx, r_squared: xy * xy / (xx * yy) })
+    }
+}
+
 /// Returns the quantile of sorted values by linear interpolation: type 7 of Hyndman and Fan (1996), the
 /// default of R and NumPy. `sorted` must not be empty.
-fn quantile(sorted: &[f64], q: f64) -> f64 {
+pub fn quantile(sorted: &[f64], q: f64) -> f64 {
     let at = q * (sorted.len() - 1) as f64;
     let below = at.floor() as usize;
     let above = (below + 1).min(sorted.len() - 1);
@@ -197,6 +226,16 @@ pub fn rate(rate: Option<Rate>) -> (String, String) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_power_law_is_found() {
+        let points: Vec<(f64, f64)> =
+            [10.0, 100.0, 500.0].iter().map(|x: &f64| (*x, 3.0 * x.powf(1.5))).collect();
+        let found = PowerLaw::of(&points).unwrap();
+        assert!((found.exponent - 1.5).abs() < 1e-9 && (found.r_squared - 1.0).abs() < 1e-9);
+        assert_eq!(PowerLaw::of(&points[..2]), None);
+        assert_eq!(PowerLaw::of(&[(1.0, 1.0); 5]), None);
+    }
 
     fn close(a: f64, b: f64, tolerance: f64) {
         assert!((a - b).abs() <= tolerance, "{a} is not {b}");

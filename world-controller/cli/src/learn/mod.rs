@@ -36,6 +36,7 @@ use metamorph_text::escape::{Shown, json};
 use metamorph_text::format::digits;
 use progress::Runs;
 use std::num::NonZeroUsize;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -95,7 +96,7 @@ pub struct LearnArgs {
     /// A fall ends a trial, and its speed counts a thousandth, as after a self-collision
     #[arg(long)]
     pub upright: bool,
-    /// Largest offset of an oscillator, above 0deg and up to 180deg; the thesis gives no bound
+    /// Largest offset of an oscillator, from 1deg to 180deg; the thesis gives no bound
     #[arg(long, value_name = "ANGLE", default_value = "30deg")]
     pub offsets: String,
     /// Seeds from A up to but not including B, one run each
@@ -233,8 +234,9 @@ fn asked(args: &LearnArgs) -> Result<Asked, LearnError> {
         let reason = format!("{} is not between 1 and {MOST}", args.trials);
         return Err(PlanError::option("--trials", reason, "name another number").into());
     }
-    let heading_deg = args.heading.as_deref().map(heading).transpose()?;
-    let offsets_deg = offsets(&args.offsets)?;
+    let heading_deg =
+        args.heading.as_deref().map(|text| degrees("--heading", text, -360.0..=360.0)).transpose()?;
+    let offsets_deg = degrees("--offsets", &args.offsets, 1.0..=180.0)?;
     let down: Down = args.down.parse().map_err(|error: NotADirection| {
         PlanError::option("--down", format!("{error}"), "-y is right for the named structures")
     })?;
@@ -292,21 +294,13 @@ fn asked(args: &LearnArgs) -> Result<Asked, LearnError> {
     Ok(Asked { study, part, from, seeds: Seeds::parse(&args.seeds)?, notes })
 }
 
-/// Reads the largest offset in degrees.
-fn offsets(text: &str) -> Result<f64, PlanError> {
-    let number = text.strip_suffix("deg").and_then(|n| n.trim().parse::<f64>().ok());
-    number.filter(|n| *n > 0.0 && *n <= 180.0).ok_or_else(|| {
-        let reason = format!("{} is not an angle above 0deg and up to 180deg", text.shown());
-        PlanError::option("--offsets", reason, "write an angle such as 30deg")
-    })
-}
-
 /// Reads an angle in degrees.
-fn heading(text: &str) -> Result<f64, PlanError> {
+fn degrees(option: &'static str, text: &str, range: RangeInclusive<f64>) -> Result<f64, PlanError> {
     let number = text.strip_suffix("deg").and_then(|n| n.trim().parse::<f64>().ok());
-    number.filter(|n| (-360.0..=360.0).contains(n)).ok_or_else(|| {
-        let reason = format!("{} is not an angle between -360deg and 360deg", text.shown());
-        PlanError::option("--heading", reason, "write an angle such as 45deg")
+    number.filter(|n| range.contains(n)).ok_or_else(|| {
+        let (from, to) = (range.start(), range.end());
+        let reason = format!("{} is not an angle between {from}deg and {to}deg", text.shown());
+        PlanError::option(option, reason, "write an angle such as 45deg")
     })
 }
 

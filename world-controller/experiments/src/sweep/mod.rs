@@ -424,8 +424,8 @@ pub fn run(
     Ok(tallies)
 }
 
-/// Formats the progress line of a sweep.
-fn bar(begun: u64, now: u64, all: u64, violations: u64, took: f64) -> String {
+/// Formats the progress line of runs: those done before this command and now, all, violations, and the time taken in seconds.
+pub fn bar(begun: u64, now: u64, all: u64, violations: u64, took: f64) -> String {
     const WIDTH: u64 = 10;
     let filled = (now * WIDTH / all.max(1)) as usize;
     let mut line = format!(

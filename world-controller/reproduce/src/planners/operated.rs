@@ -4,6 +4,7 @@
 mod team;
 
 use super::PlannerTable;
+use super::trials::in_parallel;
 use crate::error::ReproduceError;
 use crate::{Experiment, Goal, Request};
 use metamorph_console::interrupt::Interrupt;
@@ -15,9 +16,8 @@ use metamorph_scenario::settings::Setting;
 use metamorph_scenario::{LinkKind, Overrides, Plan};
 use metamorph_sim_bridge::director::operator::Level;
 use metamorph_text::format::{count, percent};
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
-use std::thread;
+use std::collections::BTreeMap;
+use std::convert::Infallible;
 use team::{Results, Team};
 
 /// The share of the seeds that are run: an operator is attended to for much longer than a run takes without.
@@ -146,26 +146,15 @@ struct Workers<'a> {
 impl Workers<'_> {
     /// Runs teams of `size` swarms each, as many swarms as seeds; `None` if that was interrupted.
     fn teams(&self, plan: &Plan, level: Option<Level>, size: u64) -> Option<Results> {
-        let teams = self.request.seeds.div_ceil(OF_SEEDS).div_ceil(size);
-        let (next, results) = (AtomicU64::new(0), Mutex::new(Vec::new()));
-        thread::scope(|scope| {
-            for _ in 0..self.request.jobs.get() {
-                scope.spawn(|| {
-                    while !self.stop.is_set() {
-                        let team = next.fetch_add(1, Ordering::Relaxed);
-                        if team >= teams {
-                            break;
-                        }
-                        let result = Team::new(plan, level, team * size..(team + 1) * size).run();
-                        results.lock().unwrap_or_else(PoisonError::into_inner).push((team, result));
-                    }
-                });
-            }
-        });
-        let mut results = results.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let teams: Vec<u64> = (0..self.request.seeds.div_ceil(OF_SEEDS).div_ceil(size)).collect();
         // Sums of floating point depend on the order.
-        results.sort_by_key(|(team, _)| *team);
-        (results.len() as u64 == teams).then(|| Results::of(results.into_iter().map(|(_, result)| result)))
+        let mut results = BTreeMap::new();
+        let run = |team: &u64| Some(Team::new(plan, level, team * size..(team + 1) * size).run());
+        let Ok(()) = in_parallel::<_, _, Infallible>(&teams, (self.request.jobs, self.stop), run, |ended| {
+            results.extend(ended);
+            Ok(())
+        });
+        (results.len() == teams.len()).then(|| Results::of(results.into_values()))
     }
 }
 

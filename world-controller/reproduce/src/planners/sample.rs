@@ -1,6 +1,7 @@
 //! Intervals of figures that come from samples, and tests of whether the published figure can come from the same source.
 
 use metamorph_protocol::rng::Rng;
+use metamorph_report::statistics::quantile;
 
 /// Number of samples drawn with replacement for an interval or a test.
 const DRAWS: u64 = 2_000;
@@ -24,11 +25,9 @@ impl Ratios {
         ratio(self.0.iter().copied())
     }
 
-    /// Returns the 95 % interval of the ratio, by the bootstrap (percentiles; Efron 1979); `None` without trials.
+    /// Returns the 95 % interval of the ratio; `None` without trials.
     pub fn interval(&self) -> Option<[f64; 2]> {
-        let drawn = self.drawn(self.len())?;
-        let at = |share: f64| drawn[(share * (drawn.len() - 1) as f64).round() as usize];
-        Some([at(0.025), at(0.975)])
+        self.drawn(self.len()).map(|drawn| interval(&drawn))
     }
 
     /// Returns the two-sided probability that as few trials as were published show a ratio at least as far from ours as the
@@ -45,17 +44,21 @@ impl Ratios {
 
     /// Draws samples of this size with replacement, and returns their ratios in increasing order.
     fn drawn(&self, size: u64) -> Option<Vec<f64>> {
-        if self.0.is_empty() {
-            return None;
-        }
-        let sample = |i: u64| {
-            let mut rng = Rng::named(0, "bootstrap", i);
-            ratio((0..size).map(|_| self.0[rng.below(self.len()) as usize]))
-        };
-        let mut all: Vec<f64> = (0..DRAWS).map(sample).collect();
-        all.sort_unstable_by(f64::total_cmp);
-        Some(all)
+        let one = |rng: &mut Rng| self.0[rng.below(self.len()) as usize];
+        (!self.0.is_empty()).then(|| resampled(|rng| ratio((0..size).map(|_| one(rng)))))
     }
+}
+
+/// Returns the values of a statistic of samples that it draws, in increasing order (bootstrap; Efron 1979).
+pub fn resampled(mut statistic: impl FnMut(&mut Rng) -> f64) -> Vec<f64> {
+    let mut all: Vec<f64> = (0..DRAWS).map(|i| statistic(&mut Rng::named(0, "bootstrap", i))).collect();
+    all.sort_unstable_by(f64::total_cmp);
+    all
+}
+
+/// Returns the 95 % interval of values in increasing order, of which there is at least one.
+pub fn interval(sorted: &[f64]) -> [f64; 2] {
+    [0.025, 0.975].map(|q| quantile(sorted, q))
 }
 
 fn ratio(counts: impl Iterator<Item = (u64, u64)>) -> f64 {

@@ -2,7 +2,7 @@
 //! number of modules, the share of gradient messages, and how safe the published connectivity rule is.
 
 use super::PlannerTable;
-use super::sample::Ratios;
+use super::sample::{Ratios, interval, resampled};
 use super::trials::{Hands, Kept};
 use crate::error::ReproduceError;
 use crate::{Experiment, Request};
@@ -11,7 +11,7 @@ use metamorph_console::stopwatch::Stopwatch;
 use metamorph_experiments::sweep::SweepError;
 use metamorph_experiments::sweep::row::Row;
 use metamorph_processes::family::{read_text, simulate};
-use metamorph_protocol::rng::Rng;
+use metamorph_report::statistics::PowerLaw;
 use metamorph_scenario::settings::Setting;
 use metamorph_scenario::{LinkKind, Overrides, Plan};
 use metamorph_sim_bridge::director::outcome::Outcome;
@@ -32,8 +32,6 @@ const DELAYS: [(&str, &str); 5] = [
     ("5ms..20ms", "5 to 20 ms"),
     ("50ms..200ms", "50 to 200 ms"),
 ];
-/// Number of samples drawn for the interval of an exponent.
-const DRAWS: u64 = 1_000;
 
 /// The result of one run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -85,9 +83,11 @@ fn plan(name: &str, text: &str, settings: &[String]) -> Result<Plan, ReproduceEr
     Ok(read_text(name, text, &overrides).map_err(SweepError::Scenario)?)
 }
 
+/// Runs a scenario with a seed; `None` if that was interrupted.
 fn run(plan: &Plan, seed: u64, stop: &Interrupt) -> Option<Run> {
-    let plan = plan.with_seed(seed).ok()?;
+    let plan = plan.with_seed(seed).expect("invariant: a start without randomness is possible with any seed");
     let (report, result) = simulate(&plan, Stopwatch::start(), &mut |_, _| !stop.is_set());
+    // An interrupted run is no result.
     if result.ended.is_none() && stop.is_set() {
         return None;
     }
@@ -134,7 +134,7 @@ pub fn table(request: &Request, stop: &Interrupt) -> Result<PlannerTable, Reprod
     })?;
     let (mut of_size, mut of_delay) = (SIDES.map(|_| Vec::new()), DELAYS.map(|_| Vec::new()));
     for ((_, trial), result) in trials.iter().zip(results) {
-        let Some(run) = result.flatten() else { continue };
+        let Some(run) = result else { continue };
         match trial {
             Trial::Growth(i, _) => of_size[*i].push(run),
             Trial::Rule(i, _) => of_delay[*i].push(run),
@@ -181,41 +181,21 @@ fn grown(table: &mut PlannerTable, of_size: &[Vec<Run>]) {
 /// Returns the exponent of the power law that fits best through the means of all sizes, with its 95 % interval over samples of the
 /// runs; `None` if a size has no run that was built.
 fn exponent(of_size: &[Vec<Run>], value: fn(&Run) -> u64) -> Option<(f64, [f64; 2])> {
-    let values: Vec<Vec<f64>> = of_size
-        .iter()
-        .map(|runs| runs.iter().filter(|r| r.built).map(|r| value(r) as f64).collect())
-        .collect();
+    let built = |runs: &Vec<Run>| runs.iter().filter(|r| r.built).map(|r| value(r) as f64).collect();
+    let values: Vec<Vec<f64>> = of_size.iter().map(built).collect();
     if values.iter().any(Vec::is_empty) {
         return None;
     }
-    let sizes: Vec<f64> = SIDES.iter().map(|side| libm::log(f64::from(side * side * 2))).collect();
-    let slope = |draw: &mut dyn FnMut(usize) -> usize| {
-        let means: Vec<f64> = (values.iter())
-            .map(|v| {
-                libm::log(
-                    (0..v.len()).map(|i| v[if v.len() > 1 { draw(v.len()) } else { i }]).sum::<f64>()
-                        / v.len() as f64,
-                )
-            })
-            .collect();
-        let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
-        let (mx, my) = (mean(&sizes), mean(&means));
-        let xy: f64 = sizes.iter().zip(&means).map(|(x, y)| (x - mx) * (y - my)).sum();
-        xy / sizes.iter().map(|x| (x - mx) * (x - mx)).sum::<f64>()
+    let through = |values: &[Vec<f64>]| {
+        let sizes = SIDES.iter().map(|side| f64::from(side * side * 2));
+        let means = values.iter().map(|v| v.iter().sum::<f64>() / v.len() as f64);
+        PowerLaw::of(&sizes.zip(means).collect::<Vec<_>>()).map(|law| law.exponent)
     };
-    let mut next = 0;
-    // Each value once.
-    let exponent = slope(&mut |n| {
-        next += 1;
-        (next - 1) % n
+    let exponent = through(&values)?;
+    let drawn = resampled(|rng| {
+        let mut one = |v: &[f64]| v[rng.below(v.len() as u64) as usize];
+        let sample: Vec<Vec<f64>> = values.iter().map(|v| v.iter().map(|_| one(v)).collect()).collect();
+        through(&sample).unwrap_or(exponent)
     });
-    let mut drawn: Vec<f64> = (0..DRAWS)
-        .map(|i| {
-            let mut rng = Rng::named(0, "exponent", i);
-            slope(&mut |n| rng.below(n as u64) as usize)
-        })
-        .collect();
-    drawn.sort_unstable_by(f64::total_cmp);
-    let at = |share: f64| drawn[(share * (drawn.len() - 1) as f64).round() as usize];
-    Some((exponent, [at(0.025), at(0.975)]))
+    Some((exponent, interval(&drawn)))
 }

@@ -19,6 +19,7 @@ use metamorph_protocol::ratio::Ratio;
 use metamorph_protocol::roombots::Kind;
 use metamorph_text::format::many;
 use serde::{Deserialize, Serialize};
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -53,39 +54,29 @@ enum World {
 }
 
 impl World {
-    fn of(answer: &Answer, first: bool, put_down: bool) -> World {
-        match answer {
+    /// Plans a world: the cube is always held, as in the thesis; it is put down on the way only where that is undecided.
+    fn plan(ground: &WalkingGround<'_>, task: &Task) -> World {
+        let (mut answer, mut put_down, mut first) = (plan(ground, task), false, false);
+        if matches!(answer, Answer::Undecided { .. }) {
+            answer = plan(ground, &Task { puts_down: true, ..task.clone() });
+            put_down = true;
+        } else if let Answer::Plan(quick) = &answer
+            && let Answer::Plan(second) = plan(ground, &Task { weight: WEIGHTS[1], ..task.clone() })
+            && second.connections() < quick.connections()
+        {
+            first = quick.refutations == 0;
+            answer = Answer::Plan(second);
+        }
+        match &answer {
             Answer::Plan(plan) => World::Plan {
                 connections: plan.connections(),
                 degrees: plan.degrees(),
                 hand_overs: plan.hand_overs,
-                first,
+                first: first || plan.refutations == 0,
                 put_down,
             },
             Answer::Infeasible(reason) => World::Infeasible(reason.name().to_owned()),
             Answer::Undecided { .. } => World::Undecided,
-        }
-    }
-
-    /// Plans a world: the cube is always held, as in the thesis; it is put down on the way only where that is undecided.
-    fn plan(ground: &WalkingGround<'_>, task: &Task) -> World {
-        let answer = plan(ground, task);
-        match &answer {
-            Answer::Undecided { .. } => {
-                let answer = plan(ground, &Task { puts_down: true, ..task.clone() });
-                let held = matches!(&answer, Answer::Plan(plan) if plan.refutations == 0);
-                World::of(&answer, held, true)
-            }
-            Answer::Plan(first) => {
-                let held = first.refutations == 0;
-                match plan(ground, &Task { weight: WEIGHTS[1], ..task.clone() }) {
-                    Answer::Plan(second) if second.connections() < first.connections() => {
-                        World::of(&Answer::Plan(second), held, false)
-                    }
-                    _ => World::of(&answer, held, false),
-                }
-            }
-            Answer::Infeasible(_) => World::of(&answer, false, false),
         }
     }
 }
@@ -191,16 +182,16 @@ pub fn table(request: &Request, stop: &Interrupt) -> Result<PlannerTable, Reprod
         let probability = Ratio::new(*tenths, 10).expect("invariant: tenths are at most ten");
         let world = TransportWorld::draw(scene, probability, *seed);
         let ground = WalkingGround::new(scene, |connector| world.exists(connector));
-        World::plan(&ground, &world.task(WEIGHTS[0]))
+        Some(World::plan(&ground, &world.task(WEIGHTS[0])))
     })?;
-    let mut cells: BTreeMap<(&str, u32), Outcomes> = BTreeMap::new();
+    let mut cells: BTreeMap<(Kind, Reverse<u32>), Outcomes> = BTreeMap::new();
     for ((_, (kind, tenths, _)), world) in trials.iter().zip(results) {
         if let Some(world) = world {
-            cells.entry((kind.name(), *tenths)).or_default().add(world);
+            cells.entry((*kind, Reverse(*tenths))).or_default().add(world);
         }
     }
     let mut dense = (0, 0);
-    for ((kind, tenths), outcomes) in cells.iter().rev() {
+    for ((kind, Reverse(tenths)), outcomes) in &cells {
         let at = format!("{kind}, p = 0.{tenths}");
         let (printed, moves) = match tenths {
             2 => ("left out", ""),

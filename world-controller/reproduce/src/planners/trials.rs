@@ -8,11 +8,12 @@ use crate::error::ReproduceError;
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::stopwatch::Stopwatch;
 use metamorph_console::terminal::Live;
-use metamorph_text::format::{many, seconds};
+use metamorph_experiments::sweep::bar;
+use metamorph_text::escape::Shown;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
+use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read, Write};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -33,15 +34,18 @@ const PATIENCE: Duration = Duration::from_millis(200);
 #[derive(Debug, Error)]
 pub enum TrialsError {
     /// The file cannot be read or written.
-    #[error("--out: cannot use {}: {error}\n  fix: name a directory on a disk with room that is yours", .path.display())]
+    #[error("--out: cannot use {}: {error}\n  fix: name a directory on a disk with room that is yours", .path.shown())]
     File {
         /// The file.
         path: PathBuf,
         /// The cause.
         error: io::Error,
     },
+    /// Another process writes to the file.
+    #[error("--out: another program is writing {}\n  fix: wait until it has ended, or name another directory", .0.shown())]
+    Busy(PathBuf),
     /// The file has other contents.
-    #[error("{}:{line}: {reason}\n  fix: name another directory with --out, or remove the file", .path.display())]
+    #[error("{}:{line}: {reason}\n  fix: name another directory with --out, or remove the file", .path.shown())]
     Line {
         /// The file.
         path: PathBuf,
@@ -86,18 +90,25 @@ impl<T: Clone + Serialize + DeserializeOwned + Send> Kept<T> {
         std::fs::create_dir_all(dir).map_err(failed)?;
         let options = OpenOptions::new().read(true).append(true).create(true).clone();
         let mut file = options.open(&path).map_err(failed)?;
+        // Reading from a pipe would block for ever.
+        if !file.metadata().map_err(failed)?.is_file() {
+            return Err(failed(io::Error::other("it is not a regular file")));
+        }
+        file.try_lock().map_err(|error| match error {
+            TryLockError::WouldBlock => TrialsError::Busy(path.clone()),
+            TryLockError::Error(error) => failed(error),
+        })?;
         let mut text = String::new();
         file.read_to_string(&mut text).map_err(failed)?;
         let whole = text.rfind('\n').map_or(0, |end| end + 1);
-        file.set_len(whole as u64).map_err(failed)?;
         let program = metamorph_text::version::version().to_owned();
         let head =
             Head { format: FORMAT.to_owned(), version: VERSION, program, experiment: experiment.to_owned() };
         let mut known = BTreeMap::new();
-        if whole == 0 {
-            write_line(&mut file, &head).map_err(failed)?;
-        }
-        for (i, line) in text[..whole].lines().enumerate() {
+        // A file without a whole line, which is not that of a killed program, is somebody else's.
+        let lines = if whole == 0 { text.as_str() } else { &text[..whole] };
+        let is_begun = whole == 0 && line_of(&head).map_err(failed)?.starts_with(lines);
+        for (i, line) in lines.lines().enumerate().filter(|_| !is_begun) {
             let wrong = |reason: String| TrialsError::Line { path: path.clone(), line: i + 1, reason };
             if i == 0 {
                 let found: Head = serde_json::from_str(line).map_err(|e| wrong(e.to_string()))?;
@@ -115,11 +126,15 @@ impl<T: Clone + Serialize + DeserializeOwned + Send> Kept<T> {
                 known.insert(trial, result);
             }
         }
+        file.set_len(whole as u64).map_err(failed)?;
+        if is_begun {
+            file.write_all(line_of(&head).map_err(failed)?.as_bytes()).map_err(failed)?;
+        }
         Ok(Kept { file: Some((file, path)), known })
     }
 
     /// Carries out those of the named trials that are not known, and returns the results of all, in the order of the names:
-    /// `None` for those that an interruption has left out.
+    /// `None` for those that an interruption has left out, for which `carry_out` returns `None`, too.
     ///
     /// # Errors
     /// If a result cannot be kept.
@@ -127,50 +142,37 @@ impl<T: Clone + Serialize + DeserializeOwned + Send> Kept<T> {
         mut self,
         trials: &[(String, N)],
         on: Hands<'_>,
-        carry_out: impl Fn(&N) -> T + Sync,
+        carry_out: impl Fn(&N) -> Option<T> + Sync,
     ) -> Result<Vec<Option<T>>, TrialsError> {
-        let open: Vec<&(String, N)> =
-            trials.iter().filter(|(name, _)| !self.known.contains_key(name)).collect();
-        let next = AtomicUsize::new(0);
-        let (sender, receiver) = channel();
-        let (mut live, since, mut ended) = (Live::new(on.show), Stopwatch::start(), 0);
-        thread::scope(|scope| {
-            for _ in 0..on.jobs.get() {
-                let (sender, next, open, carry_out) = (sender.clone(), &next, &open, &carry_out);
-                scope.spawn(move || {
-                    while !on.stop.is_set() {
-                        let Some((name, trial)) = open.get(next.fetch_add(1, Ordering::Relaxed)) else {
-                            break;
-                        };
-                        // The receiver is gone after an error: end.
-                        if sender.send((name.clone(), carry_out(trial))).is_err() {
-                            break;
-                        }
-                    }
-                });
-            }
-            drop(sender);
-            let receiver = receiver;
-            loop {
-                match receiver.recv_timeout(PATIENCE) {
-                    Ok((name, result)) => {
-                        self.keep(&name, &result)?;
-                        self.known.insert(name, result);
-                        ended += 1;
-                    }
-                    Err(RecvTimeoutError::Timeout) => {}
-                    Err(RecvTimeoutError::Disconnected) => return Ok(()),
+        let is_open = |(name, _): &&(String, N)| !self.known.contains_key(name);
+        let open: Vec<&(String, N)> = trials.iter().filter(is_open).collect();
+        let (all, known) = (trials.len() as u64, (trials.len() - open.len()) as u64);
+        let (mut live, since, mut now) = (Live::new(on.show), Stopwatch::start(), known);
+        in_parallel(
+            &open,
+            (on.jobs, on.stop),
+            |trial| carry_out(&trial.1),
+            |ended| {
+                if let Some((i, result)) = ended {
+                    let name = &open[i].0;
+                    self.keep(name, &result)?;
+                    self.known.insert(name.clone(), result);
+                    now += 1;
                 }
-                live.show(|| line(on.name, (ended, open.len(), trials.len()), since.elapsed()));
-            }
-        })?;
+                live.show(|| {
+                    format!("{}  {}", on.name, bar(known, now, all, 0, since.elapsed().as_secs_f64()))
+                });
+                Ok(())
+            },
+        )?;
         Ok(trials.iter().map(|(name, _)| self.known.get(name).cloned()).collect())
     }
 
     fn keep(&mut self, trial: &str, result: &T) -> Result<(), TrialsError> {
         let Some((file, path)) = &mut self.file else { return Ok(()) };
-        let line = Line { trial: trial.to_owned(), result };
-        write_line(file, &line).map_err(|error| TrialsError::File { path: path.clone(), error })
+        let line = line_of(&Line { trial: trial.to_owned(), result });
+        let written = line.and_then(|line| file.write_all(line.as_bytes()));
+        written.map_err(|error| TrialsError::File { path: path.clone(), error })
     }
 }
 
@@ -187,19 +189,48 @@ pub struct Hands<'a> {
     pub show: bool,
 }
 
-fn line(name: &str, (ended, open, all): (usize, usize, usize), took: Duration) -> String {
-    let mut line = format!("{name}: {} of {}", all - open + ended, many(all as u64, "trial"));
-    if ended > 0 {
-        let left = (open - ended) as f64 * took.as_secs_f64() / ended as f64;
-        line += &format!("  about {} left", seconds(left));
-    }
-    line
+/// Carries out work on several threads until all is done or `stop` is set. `take` gets each result with its number, as soon as it
+/// is there, and `None` from time to time if there is none; pieces of work that return `None` have no result.
+///
+/// # Errors
+/// The first error of `take`, which ends the work.
+pub fn in_parallel<N: Sync, T: Send, E>(
+    work: &[N],
+    (jobs, stop): (NonZeroUsize, &Interrupt),
+    carry_out: impl Fn(&N) -> Option<T> + Sync,
+    mut take: impl FnMut(Option<(usize, T)>) -> Result<(), E>,
+) -> Result<(), E> {
+    let next = AtomicUsize::new(0);
+    let (sender, receiver) = channel();
+    thread::scope(|scope| {
+        for _ in 0..jobs.get() {
+            let (sender, next, carry_out) = (sender.clone(), &next, &carry_out);
+            scope.spawn(move || {
+                while !stop.is_set() {
+                    let i = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(piece) = work.get(i) else { break };
+                    let result = carry_out(piece);
+                    // The receiver is gone after an error: end.
+                    if result.is_some_and(|result| sender.send((i, result)).is_err()) {
+                        break;
+                    }
+                }
+            });
+        }
+        drop(sender);
+        let receiver = receiver;
+        loop {
+            match receiver.recv_timeout(PATIENCE) {
+                Ok(ended) => take(Some(ended))?,
+                Err(RecvTimeoutError::Timeout) => take(None)?,
+                Err(RecvTimeoutError::Disconnected) => return Ok(()),
+            }
+        }
+    })
 }
 
-fn write_line<T: Serialize>(file: &mut File, line: &T) -> io::Result<()> {
-    let mut text = serde_json::to_string(line).map_err(io::Error::other)?;
-    text.push('\n');
-    file.write_all(text.as_bytes())
+fn line_of<T: Serialize>(content: &T) -> io::Result<String> {
+    Ok(serde_json::to_string(content).map_err(io::Error::other)? + "\n")
 }
 
 impl From<TrialsError> for ReproduceError {
@@ -212,6 +243,9 @@ impl From<TrialsError> for ReproduceError {
 mod tests {
     use super::*;
 
+    /// The trial that has no result.
+    const INTERRUPTED: u32 = 7;
+
     fn complete(dir: &Path, trials: u32) -> (Vec<Option<u32>>, usize) {
         let stop = Interrupt::default();
         let carried_out = AtomicUsize::new(0);
@@ -220,7 +254,7 @@ mod tests {
         let kept = Kept::open(Some(dir), "test").unwrap();
         let results = kept.complete(&names, on, |n| {
             carried_out.fetch_add(1, Ordering::Relaxed);
-            n * n
+            (*n != INTERRUPTED).then_some(n * n)
         });
         (results.unwrap(), carried_out.into_inner())
     }
@@ -235,6 +269,36 @@ mod tests {
         let text = std::fs::read_to_string(&path).unwrap();
         std::fs::write(&path, &text[..text.len() - 3]).unwrap();
         assert_eq!(complete(dir.path(), 5), (vec![Some(0), Some(1), Some(4), Some(9), Some(16)], 1));
+    }
+
+    /// A trial that was interrupted has no result, and is carried out again.
+    #[test]
+    fn interrupted_trials_are_not_kept() {
+        let dir = tempfile::tempdir().unwrap();
+        for carried_out in [INTERRUPTED as usize + 1, 1] {
+            let (results, carried) = complete(dir.path(), INTERRUPTED + 1);
+            assert_eq!((results.last(), carried), (Some(&None), carried_out));
+        }
+    }
+
+    /// What somebody else has written there stays, also if it has no whole line.
+    #[test]
+    fn other_files_are_left_as_they_are() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("test.jsonl");
+        for text in ["my notes", "my notes\n", "{\"format\": \"mine\"}\nmore"] {
+            std::fs::write(&path, text).unwrap();
+            let error = Kept::<u32>::open(Some(dir.path()), "test").err().unwrap().to_string();
+            assert!(error.contains("test.jsonl:1: "), "{error}");
+            assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
+        }
+        // The head that a killed program has begun.
+        std::fs::write(&path, "{\"format\":\"metamorph-tri").unwrap();
+        assert_eq!(complete(dir.path(), 1).1, 1);
+        let open = Kept::<u32>::open(Some(dir.path()), "test").unwrap();
+        let busy = Kept::<u32>::open(Some(dir.path()), "test");
+        assert!(matches!(busy, Err(TrialsError::Busy(_))));
+        drop(open);
     }
 
     #[test]
