@@ -42,6 +42,7 @@ marks! {
     CubeRelayCutOff => "cube: a request was denied because the next module has left",
     CubeRelayRepeated => "cube: a request was repeated on its way",
     CubeAskedAgain => "cube: an unanswered request was repeated",
+    CubeAnswerOvertaken => "cube: a grant or a denial came back when it did not count any more",
     CubeOutOfTurn => "cube: all was granted, but it was not its turn any more",
     CubeTooLate => "cube: all was granted too late",
     CubeHeldAtLaunch => "cube: all was granted, but it may not leave any more",

@@ -86,15 +86,20 @@ impl LockTable {
     pub fn grant(&mut self, lock: Lock) {
         self.locks.push(lock);
     }
-    /// Drops the lock of a request that was denied further on.
-    pub fn withdraw(&mut self, id: RequestId) {
-        self.locks.retain(|l| l.id != id);
-    }
-    /// Notes that the rest of a request's route has granted it, and the co-owners that the last module named.
-    pub fn granted_beyond(&mut self, id: RequestId, co_owners: u8) {
-        if let Some(lock) = self.locks.iter_mut().find(|l| l.id == id) {
-            lock.beyond = Some(co_owners);
+    /// Drops the lock of a request that was denied further on. Returns false if the rest of the route has granted it since:
+    /// then the module that asked may move already, and the lock stays.
+    pub fn withdraw(&mut self, id: RequestId) -> bool {
+        let is_granted = self.find(id).is_some_and(|lock| lock.beyond.is_some());
+        if !is_granted {
+            self.locks.retain(|l| l.id != id);
         }
+        !is_granted
+    }
+    /// Notes that the rest of a request's route has granted it, and the co-owners that the last module named. Returns false if
+    /// this module has no lock of the request any more.
+    pub fn granted_beyond(&mut self, id: RequestId, co_owners: u8) -> bool {
+        let lock = self.locks.iter_mut().find(|l| l.id == id);
+        lock.map(|lock| lock.beyond = Some(co_owners)).is_some()
     }
     pub fn clear(&mut self) {
         self.locks.clear();

@@ -299,10 +299,15 @@ impl Cube {
             return;
         }
         if depth > 0 {
-            if denial.is_some() {
-                self.locks.withdraw(id);
-            } else {
-                self.locks.granted_beyond(id, co_owners);
+            // A grant says that all modules from here on stay, so it is passed back only with a lock, and from then on no
+            // denial ends that lock: a request is repeated, so a grant may follow a denial or be overtaken by one.
+            let is_passed_back = match denial {
+                Some(_) => self.locks.withdraw(id),
+                None => self.locks.granted_beyond(id, co_owners),
+            };
+            if !is_passed_back {
+                hit(CoveragePoint::CubeAnswerOvertaken);
+                return;
             }
             if let Some(back) = route.hop(depth - 1).map(Face::opposite) {
                 self.answer(back, id, hop - 1, denial, blocker, co_owners, route);

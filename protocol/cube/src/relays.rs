@@ -127,6 +127,29 @@ mod tests {
         assert_eq!(cube.relays.due(), Time::NEVER);
     }
 
+    /// Two copies of a request may be answered differently. A grant says that this module stays, so it is passed back only with a
+    /// lock; and once it has been, a denial ends nothing, since the mover may be on its way.
+    #[test]
+    fn answers_that_overtake_each_other_leave_the_mover_its_support() {
+        let answered = |denials: [Option<Denial>; 2]| {
+            let (mut cube, request) = relaying(Time::ZERO);
+            let Message::Request { id, route, .. } = request else { unreachable!("it is one") };
+            let answers = denials.map(|denial| {
+                let message = Message::Response { id, hop: 1, denial, blocker: None, co_owners: 0, route };
+                cube.handle(Time(1), Input::Message { port: NEXT, message });
+                let back = |(port, message): (Port, Message)| match message {
+                    Message::Response { denial, .. } if port == MOVER => Some(denial.is_none()),
+                    _ => None,
+                };
+                cube.sent().into_iter().filter_map(back).collect::<Vec<_>>()
+            });
+            (answers, cube.locks.len())
+        };
+        let busy = Some(Denial::Busy);
+        assert_eq!(answered([busy, None]), ([Vec::from([false]), Vec::new()], 0));
+        assert_eq!(answered([None, busy]), ([Vec::from([true]), Vec::new()], 1));
+    }
+
     /// If the next module leaves before it has answered, the mover hears so at once.
     #[test]
     fn requests_to_a_module_that_has_left_are_denied() {

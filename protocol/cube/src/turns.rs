@@ -22,6 +22,9 @@
 //!   sensed it, X begins none before it has heard Y ([`Cube::may_carry`], which is asked again when all is granted); and then
 //!   Y rests on it, and keeps it there.
 //!
+//! * D may restart while Y slides. Then X has a new contact with D, and is back in the third case until D's first words. These say that
+//!   D listens, for two leases, in which the slide ends; meanwhile X leaves in the slot for departures, also if D dies again.
+//!
 //! Nothing but pairs of neighbours occurs in this, so it holds for any number of modules. *Assumptions:* clocks differ by
 //! [`Params::skew`] at most; the time in a certificate is not earlier than the last message of the dead module; a beacon is
 //! younger than 2¹⁶ quarters of a move when it is taken from the inbox.
@@ -139,14 +142,17 @@ impl Cube {
     }
 
     /// Returns true if another module may be about to land on this one without having asked: a neighbour has said nothing for
-    /// so long that others may slide from it.
+    /// so long that others may slide from it, or it listens after a restart, and one that began before may slide from it still.
     fn may_be_landed_on(&self, now: Time) -> bool {
-        let v = self.view(now);
-        let suspect = v.params().suspect;
-        let is_long_dead = |f: &Face| self.forest.custody().died(*f).is_none_or(|died| now >= died + suspect);
-        let is_silent = |f: &Face| spoke_at(v, *f).is_some_and(|spoke| now.since(spoke) > suspect);
+        let (v, p) = (self.view(now), self.own.params());
+        let died = |f: Face| self.forest.custody().died(f).unwrap_or_default();
+        let is_silent = |f: Face| spoke_at(v, f).is_some_and(|spoke| now.since(spoke) > p.suspect);
+        let listens = |f: Face| v.peer(f).is_some_and(|b| b.quarantined);
+        // It may have listened and died again without a word that was heard.
+        let is_new = |f: Face| v.peer(f).is_none() && now <= died(f) + p.move_time + p.skew * 2;
         let (dead, heard) = (v.sides.certified_mask(), v.sides.heard_mask());
-        Face::in_mask(heard & !dead).any(|f| is_silent(&f)) || Face::in_mask(dead).any(|f| is_long_dead(&f))
+        Face::in_mask(heard & !dead).any(|f| is_silent(f) || listens(f))
+            || Face::in_mask(dead).any(|f| now >= died(f) + p.suspect || listens(f) || is_new(f))
     }
 
     /// Returns true if this is a walker with a neighbour that it has not heard, and another module may rest here that has not
@@ -205,8 +211,10 @@ fn colour(cell: Cell) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::custody::tests::{Bench, NEARER, PARENT};
+    use crate::custody::tests::{Bench, DEAD, NEARER, PARENT};
     use crate::message::Rank;
+    use metamorph_core::agent::Input;
+    use metamorph_core::ids::{Port, Session};
 
     const MOVE: Span = Span::secs(1);
 
@@ -276,6 +284,24 @@ mod tests {
         assert!(!waits(None, false, Span::ZERO) && waits(None, false, first_words));
         assert!(waits(None, true, Span::ZERO));
         assert!(!waits(Some(Defect::LeaveStrangers), true, first_words));
+    }
+
+    /// A module that slides from a dead one lands although that restarts, and dies again, meanwhile.
+    #[test]
+    fn modules_beside_one_that_listens_may_be_landed_on() {
+        let mut bench = Bench::new(None);
+        assert!(bench.cube.may_be_landed_on(bench.now + params().suspect));
+        let rank = Rank { rooted: Time::ZERO, label: 2 };
+        let session = Session(2);
+        bench.hand_in(Input::Contact { port: Port(DEAD as u8), session: Some(session) });
+        bench.speaks(DEAD, rank, |b| b.quarantined = true);
+        assert!(bench.cube.may_be_landed_on(bench.now));
+        bench.condemn(session);
+        assert!(bench.cube.may_be_landed_on(bench.now));
+        let mut bench = Bench::new(None);
+        bench.hand_in(Input::Contact { port: Port(DEAD as u8), session: Some(session) });
+        bench.speaks(DEAD, rank, |_| {});
+        assert!(!bench.cube.may_be_landed_on(bench.now), "it has listened, and is alive");
     }
 
     /// A module that was stopped takes beacons from its inbox that a dead neighbour sent long ago.
