@@ -2,6 +2,7 @@
 //!
 //! All families have `kernel`, `world` and `director` in common, which are a crate of their own and keep their paths here.
 
+pub mod connections;
 pub mod cube;
 pub mod free_module;
 pub mod metamodule;

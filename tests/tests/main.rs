@@ -9,6 +9,7 @@ mod command_line;
 mod command_line_metamodules;
 mod command_sessions;
 mod commands;
+mod connections;
 mod daily_use;
 mod dependencies;
 mod detector;

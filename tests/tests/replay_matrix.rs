@@ -16,7 +16,7 @@ use std::collections::BTreeSet;
 use std::env;
 
 /// Keys that all families share, with values for runs on the simulated link.
-const OPTIONS: [(&str, &[&str]); 28] = [
+const OPTIONS: [(&str, &[&str]); 29] = [
     (
         "link.delay",
         &[
@@ -65,6 +65,7 @@ const OPTIONS: [(&str, &[&str]); 28] = [
     ("stop.stall", &["90s"]),
     ("stop.livelock", &["200s"]),
     ("swarm.failed_connections", &["10%"]),
+    ("swarm.connection", &["{ shift_noise_mm = 8 }", "{ shift_noise_mm = 4.5, twist_noise_deg = 20 }"]),
 ];
 /// Keys without an effect on a simulated run.
 const WITHOUT_EFFECT: [&str; 1] = ["process.time_scale"];

@@ -34,7 +34,7 @@ use core::fmt::Debug;
 use thiserror::Error;
 
 /// The version number of the layout and of every message in it.
-pub const VERSION: u8 = 12;
+pub const VERSION: u8 = 13;
 /// The length of the header in bytes.
 pub const HEADER: usize = 32;
 /// The maximum length of a payload in bytes.
@@ -421,11 +421,11 @@ mod tests {
         let frame = Frame::seal(header(), &Cell::new(1, -2, 3));
         let mut expected = [0u8; Frame::SIZE];
         expected[..24]
-            .copy_from_slice(&[12, 0, 0, 1, 3, 6, 2, 0, 7, 0, 0, 0, 8, 0, 0, 0, 4, 3, 2, 1, 5, 0, 0, 0]);
+            .copy_from_slice(&[13, 0, 0, 1, 3, 6, 2, 0, 7, 0, 0, 0, 8, 0, 0, 0, 4, 3, 2, 1, 5, 0, 0, 0]);
         expected[24..28].copy_from_slice(&frame.0[24..28]);
         expected[32..38].copy_from_slice(&[1, 0, 0xFE, 0xFF, 3, 0]);
         assert_eq!(frame.0, expected);
-        assert_eq!(u32::from_le_bytes(frame.part(CRC)), 0x5EE8_C088);
+        assert_eq!(u32::from_le_bytes(frame.part(CRC)), 0xD360_3D6A);
         assert_eq!(frame.open(), Ok(header()));
         assert_eq!(frame.message::<Cell>(), Ok(Cell::new(1, -2, 3)));
     }

@@ -3,14 +3,15 @@
 //! The world is the interlock: a joint turns only if all cells that the step sweeps, core and graze
 //! (`roombots::sweep`), are free of other bodies and of the steps of other bodies; an end grips only a
 //! connector of the floor; the last end does not detach. Ports are links to metamodules within communication
-//! range. Elements are held and do not fall (`elements`). Not here: bending; walls; gripping other metamodules; the
-//! torque of bodies without an element, which is within the limits in all postures.
+//! range. Elements are held and do not fall (`elements`). Bodies bend only as far as a model of connections says. Not
+//! here: walls; gripping other metamodules; the torque of bodies without an element, which is within the limits in all postures.
 
 mod counts;
 mod drops;
 mod elements;
 mod safety;
 
+use crate::connections::{ActionEnd, ConnectionCounts, Connections};
 use crate::metamodule::invariants::{LINK_FOR_EACH_IN_RANGE, link_for_each_in_range};
 use elements::ElementBody;
 use metamorph_kernel::world::World;
@@ -30,6 +31,8 @@ use metamorph_protocol::metamodule::motions::Sweep;
 use metamorph_protocol::metamodule::params::Setup;
 use metamorph_protocol::metamodule::pose::{Load, Pose};
 use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::roombots::connection::ConnectionModel;
+use metamorph_protocol::roombots::torque;
 use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::Time;
 use std::collections::BTreeSet;
@@ -45,7 +48,7 @@ struct ActionInProgress {
     /// All cells that the body may be in during the action.
     claimed: Vec<Cell>,
     body_action: BodyAction,
-    fails: bool,
+    end: ActionEnd,
 }
 
 #[derive(Clone, Debug, Hash)]
@@ -87,6 +90,7 @@ pub struct MetamoduleWorld {
     /// the interlock does not read.
     claims: Grid,
     queue: BodyQueue<Percept>,
+    connections: Connections,
     action_counts: ActionCounts,
 }
 
@@ -108,6 +112,7 @@ impl MetamoduleWorld {
             obstacles: BTreeSet::new(),
             claims: Grid::default(),
             queue: BodyQueue::new(seed),
+            connections: Connections::default(),
             action_counts: ActionCounts::default(),
         };
         for id in (0..poses.len() as u32).map(ModuleId) {
@@ -120,6 +125,14 @@ impl MetamoduleWorld {
         world
     }
 
+    /// Lets a model decide which connections close, if there is one.
+    pub fn with_connections(self, model: Option<ConnectionModel>) -> MetamoduleWorld {
+        MetamoduleWorld { connections: Connections::new(model), ..self }
+    }
+    /// Returns the counts of attempts to connect so far; `None` without a model of connections.
+    pub fn connection_counts(&self) -> Option<ConnectionCounts> {
+        self.connections.counts()
+    }
     /// Sets the probability with which each later connection fails.
     pub fn set_failure(&mut self, p: Ratio) {
         self.queue.set_failure(p);
@@ -271,17 +284,30 @@ impl MetamoduleWorld {
         !taken.any(|c| cells.contains(c)) && self.element_in(id, cells).is_none()
     }
 
+    /// Decides how the free end of a body connects to what it faces. The body stands on a floor, held at its other end.
+    fn draw_connection(&mut self, id: ModuleId) -> ActionEnd {
+        let motions = &self.setup.motions;
+        let posture = self.bodies[id.index()].pose.posture;
+        self.connections.attempt(&mut self.queue, |model| {
+            let table = motions.table();
+            let q = table.postures()[usize::from(posture)].posture.radians();
+            let bent = model.bending(table.kind(), &q, &torque::Load::floor());
+            bent.expect("invariant: a posture of the table has all joints and finite angles")
+        })
+    }
+
     fn complete(&mut self, now: Time, id: ModuleId) {
         let motions = &self.setup.motions;
         let is_shared = self.is_shared(id);
         let body = &mut self.bodies[id.index()];
-        let Some(ActionInProgress { to, claimed, body_action, fails }) = body.under_way.take() else {
+        let Some(ActionInProgress { to, claimed, body_action, end }) = body.under_way.take() else {
             return;
         };
-        if fails {
+        if end != ActionEnd::Done {
             self.check_end(now, id, &claimed);
             self.action_counts.failed += 1;
-            self.queue.perceive(id, Percept::Failed);
+            let is_misaligned = end == ActionEnd::Misaligned;
+            self.queue.perceive(id, if is_misaligned { Percept::Misaligned } else { Percept::Failed });
             return;
         }
         match body_action {
@@ -364,16 +390,18 @@ impl World for MetamoduleWorld {
         if !self.is_free(id, &claimed) {
             return self.refuse(id, Refusal::Blocked);
         }
-        let (takes, fails) = match action.body_action {
-            BodyAction::Turn(_) => (self.setup.params.turn_time, body.stuck),
-            BodyAction::Attach => (self.setup.params.connect_time, self.queue.draw_failure()),
-            BodyAction::Detach | BodyAction::LetGo => (self.setup.params.connect_time, false),
-            BodyAction::Grip(_) => (self.setup.params.connect_time, self.queue.draw_failure()),
+        let is_stuck = body.stuck;
+        let (takes, end) = match action.body_action {
+            BodyAction::Turn(_) => (self.setup.params.turn_time, ActionEnd::of(is_stuck)),
+            BodyAction::Attach | BodyAction::Grip(_) => {
+                (self.setup.params.connect_time, self.draw_connection(id))
+            }
+            BodyAction::Detach | BodyAction::LetGo => (self.setup.params.connect_time, ActionEnd::Done),
         };
         self.action_counts.started += 1;
         self.queue.begin(now + takes, id);
         self.bodies[id.index()].under_way =
-            Some(ActionInProgress { to, claimed, body_action: action.body_action, fails });
+            Some(ActionInProgress { to, claimed, body_action: action.body_action, end });
         self.check_begin(now, id);
         self.check_torque(now, id);
         self.check_elements(now);
@@ -396,7 +424,7 @@ impl World for MetamoduleWorld {
             (pose, grips, ports, stuck).hash(&mut hasher);
             let under_way = under_way.as_ref();
             under_way
-                .map(|ActionInProgress { to, claimed: _, body_action, fails }| (to, body_action, fails))
+                .map(|ActionInProgress { to, claimed: _, body_action, end }| (to, body_action, *end as u8))
                 .hash(&mut hasher);
         }
         (&self.obstacles, &self.queue).hash(&mut hasher);

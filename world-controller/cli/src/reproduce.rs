@@ -15,7 +15,7 @@ Examples:
   metamorph reproduce 4.1 --quiet --json - | jq '.experiments[0].cells[0]'
   metamorph reproduce graph-signature on-grid reward-map planned
   metamorph reproduce stoy --seeds 20
-  metamorph reproduce torque thesis-7
+  metamorph reproduce gripping torque thesis-7
   metamorph reproduce transport --out worlds     again after Ctrl-C: it continues
   metamorph reproduce thesis-7 --gaits fo.json,blf.json,blf-sym.json
   metamorph reproduce c.6 8.2

@@ -8,6 +8,34 @@ use std::any::Any;
 use std::fmt;
 use std::ops::Range;
 
+/// How moves and connections fail.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Failing {
+    /// Rate at which moves or connections fail, in percent.
+    pub percent: u8,
+    /// The model of connections: the largest error of a posture in millimetres, and thousandths of a degree by which a joint
+    /// yields to each Nm; `None` if every connector is where it should be.
+    pub model: Option<(u8, u16)>,
+}
+
+impl Failing {
+    /// Writes the keys of `[swarm]`. Where nothing has weight, joints do not yield.
+    ///
+    /// # Errors
+    /// If the formatter fails.
+    pub fn write(self, f: &mut fmt::Formatter<'_>, has_weight: bool) -> fmt::Result {
+        if self.percent > 0 {
+            writeln!(f, "failed_connections = \"{}%\"", self.percent)?;
+        }
+        let Some((noise, yields)) = self.model else { return Ok(()) };
+        let compliance = match has_weight {
+            true => format!(", compliance_deg_per_nm = {}", f64::from(yields) / 1000.0),
+            false => String::new(),
+        };
+        writeln!(f, "connection = {{ shift_noise_mm = {noise}{compliance} }}")
+    }
+}
+
 /// The family's part of a generated scenario.
 pub trait GeneratedSwarm: Any + fmt::Debug + Send + SwarmDraftClone {
     /// Returns the number of modules.
@@ -16,9 +44,8 @@ pub trait GeneratedSwarm: Any + fmt::Debug + Send + SwarmDraftClone {
     fn goal_cells(&self) -> usize;
     /// Describes the modules and their protocol in a few words.
     fn summary(&self) -> String;
-    /// Writes the remaining keys of `[swarm]`, and the sections `[[goal]]` and `[protocol]`. `failed` is the
-    /// rate at which moves or connections fail, in percent.
-    fn write(&self, f: &mut fmt::Formatter<'_>, failed: u8) -> fmt::Result;
+    /// Writes the remaining keys of `[swarm]`, and the sections `[[goal]]` and `[protocol]`.
+    fn write(&self, f: &mut fmt::Formatter<'_>, failing: Failing) -> fmt::Result;
     /// Fixes what the seed of the run has decided. Returns true if that changed anything.
     fn settle(&mut self, swarm: &Swarm) -> bool;
     /// Returns all slightly smaller or simpler swarms, the most effective reductions first.

@@ -8,6 +8,7 @@
 
 #[cfg(test)]
 mod command_forms_tests;
+pub mod connection;
 pub mod cube;
 pub mod free_module;
 pub mod generated;
@@ -63,6 +64,10 @@ pub trait ExploredFamily: ScenarioFamily {
     fn patience(&self, fails: bool, delay: u64) -> Option<(u64, u64)>;
     /// Returns the limit of runs for shrinking one failing scenario.
     fn shrinking(&self) -> u64;
+    /// Returns true if a model of connections may decide which connectors close.
+    fn has_connections(&self) -> bool {
+        false
+    }
     /// Returns true if an exploration that names no family may draw this one.
     fn is_drawn(&self) -> bool {
         true

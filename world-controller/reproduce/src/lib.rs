@@ -59,6 +59,9 @@ pub enum Experiment {
     /// Figure 4.5: moves that box and chair need
     #[value(name = "fig4.5")]
     Figure45,
+    /// The connection mechanism (2.2.1): positions on a wall that are gripped
+    #[value(name = "gripping", alias = "2.2.1")]
+    Gripping,
     /// Stoy's experiment (4.1.2): a slab becomes a disc and then a ball; and how safe the published rule is
     Stoy,
     /// The planner of the 2009 report: four modules from a line to a loop
@@ -102,6 +105,7 @@ impl Experiment {
             Experiment::Table41 => "4.1",
             Experiment::Table42 => "4.2",
             Experiment::Figure45 => "fig4.5",
+            Experiment::Gripping => "gripping",
             Experiment::Stoy => "stoy",
             Experiment::GraphSignature => "graph-signature",
             Experiment::OnGrid => "on-grid",
@@ -121,6 +125,7 @@ impl Experiment {
             Experiment::Table41 => "Table 4.1: four metamodules build the box",
             Experiment::Table42 => "Table 4.2: six metamodules build the chair",
             Experiment::Figure45 => "Figure 4.5: moves that box and chair need",
+            Experiment::Gripping => "Thesis 2.2.1: positions that the connection mechanism grips",
             Experiment::Stoy => "Thesis 4.1.2: Stoy's growth from a seed along gradients",
             Experiment::GraphSignature => "Report 2009, chapter 5: planning by graph signatures",
             Experiment::OnGrid => "Thesis 6.3.2: a module walks over a floor with obstacles",

@@ -29,6 +29,8 @@ pub enum ActionOutcome {
     Done,
     /// It failed; the body is where it was.
     Failed,
+    /// A connector was too far from its target to close; the body is where it was.
+    Misaligned,
     /// It was refused and has not begun.
     Refused,
     /// The action of another body, which carried this one, has succeeded.

@@ -152,7 +152,8 @@ impl Motion {
         self.tries += 1;
         let has_begun = self.next > 0;
         let again = match percept {
-            Percept::Failed => self.tries < TRIES,
+            // A posture has an error of its own each time, so that another try may hit.
+            Percept::Failed | Percept::Misaligned => self.tries < TRIES,
             // A neighbour that came into range on the way is too far away to be met; at the start it must be
             // asked.
             Percept::Refused(Refusal::Stale) => has_begun && self.tries < TRIES,

@@ -88,6 +88,10 @@ impl<P> BodyQueue<P> {
     pub fn draw_failure(&mut self) -> bool {
         self.joints.chance(self.failure)
     }
+    /// Returns the probability of failures, and what they are drawn from.
+    pub fn chances(&mut self) -> (Ratio, &mut Rng) {
+        (self.failure, &mut self.joints)
+    }
 
     /// Lets a body sense something.
     #[inline]

@@ -8,6 +8,7 @@
 
 mod safety;
 
+use crate::connections::{ActionEnd, ConnectionCounts, Connections};
 use metamorph_kernel::world::World;
 use metamorph_kernel::world::body_queue::{BodyQueue, Ports};
 use metamorph_protocol::assembly::checker::{
@@ -23,6 +24,7 @@ use metamorph_protocol::free_module::reconfiguration::{LatticeModule, LatticeSet
 use metamorph_protocol::ids::{Incarnation, ModuleId, Port, Revision};
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::ratio::Ratio;
+use metamorph_protocol::roombots::connection::{ConnectionModel, Misalignment};
 use metamorph_protocol::roombots::connector::Connector;
 use metamorph_protocol::runtime::{Contact, Sensed};
 use metamorph_protocol::time::Time;
@@ -46,7 +48,7 @@ struct Turn {
 #[derive(Clone, Debug)]
 struct ActionInProgress {
     action: LatticeAction,
-    fails: bool,
+    end: ActionEnd,
     turn: Option<Turn>,
 }
 
@@ -100,6 +102,7 @@ pub struct FreeModuleWorld {
     /// Actions confirmed, of the latest epoch.
     confirmed: (u32, BTreeSet<usize>),
     queue: BodyQueue<LatticePercept>,
+    connections: Connections,
     counts: StepCounts,
 }
 
@@ -133,6 +136,7 @@ impl FreeModuleWorld {
             done: BTreeSet::new(),
             confirmed: (0, BTreeSet::new()),
             queue: BodyQueue::new(seed),
+            connections: Connections::default(),
             counts: StepCounts::default(),
         };
         for (module, place) in places.iter().enumerate() {
@@ -145,6 +149,14 @@ impl FreeModuleWorld {
         world
     }
 
+    /// Lets a model decide which connectors close, if there is one. Without gravity nothing bends.
+    pub fn with_connections(self, model: Option<ConnectionModel>) -> FreeModuleWorld {
+        FreeModuleWorld { connections: Connections::new(model), ..self }
+    }
+    /// Returns the counts of attempts to connect so far; `None` without a model of connections.
+    pub fn connection_counts(&self) -> Option<ConnectionCounts> {
+        self.connections.counts()
+    }
     /// Sets the probability with which each later closing of a connector fails.
     pub fn set_failure(&mut self, p: Ratio) {
         self.queue.set_failure(p);
@@ -318,11 +330,11 @@ impl FreeModuleWorld {
     }
 
     fn complete(&mut self, now: Time, id: ModuleId) {
-        let Some(ActionInProgress { action, fails, turn }) = self.bodies[id.index()].under_way.take() else {
+        let Some(ActionInProgress { action, end, turn }) = self.bodies[id.index()].under_way.take() else {
             return;
         };
         let moved = match (action.body_action, &turn) {
-            _ if fails => false,
+            _ if end != ActionEnd::Done => false,
             (LatticeBodyAction::Turn { .. }, Some(turn)) => self.turned(now, id, turn),
             (LatticeBodyAction::Attach(connector), _) => {
                 self.attached((id.index(), Connector::ALL[usize::from(connector)]))
@@ -339,7 +351,11 @@ impl FreeModuleWorld {
             let percept = LatticePercept::Settled { place: self.place(other), moved };
             self.queue.perceive(other, percept);
         }
-        let percept = if moved { LatticePercept::Done(self.place(id)) } else { LatticePercept::Failed };
+        let percept = match (moved, end) {
+            (true, _) => LatticePercept::Done(self.place(id)),
+            (false, ActionEnd::Misaligned) => LatticePercept::Misaligned,
+            (false, ActionEnd::Done | ActionEnd::Failed) => LatticePercept::Failed,
+        };
         self.queue.perceive(id, percept);
         if moved {
             self.note_done(now, id, action.step);
@@ -428,10 +444,13 @@ impl World for FreeModuleWorld {
             Ok(turn) => turn,
             Err(why) => return self.refuse(id, why),
         };
-        let (takes, fails) = match action.body_action {
-            LatticeBodyAction::Turn { .. } => (self.setup.turn_time, stuck),
-            LatticeBodyAction::Attach(_) => (self.setup.connect_time, self.queue.draw_failure()),
-            LatticeBodyAction::Detach(_) => (self.setup.connect_time, false),
+        let (takes, end) = match action.body_action {
+            LatticeBodyAction::Turn { .. } => (self.setup.turn_time, ActionEnd::of(stuck)),
+            LatticeBodyAction::Attach(_) => {
+                let end = self.connections.attempt(&mut self.queue, |_| Misalignment::default());
+                (self.setup.connect_time, end)
+            }
+            LatticeBodyAction::Detach(_) => (self.setup.connect_time, ActionEnd::Done),
         };
         self.counts.started += 1;
         self.queue.begin(now + takes, id);
@@ -445,7 +464,7 @@ impl World for FreeModuleWorld {
             self.check_turn(now, id, turn);
             self.carry(id, turn);
         }
-        self.bodies[id.index()].under_way = Some(ActionInProgress { action: *action, fails, turn });
+        self.bodies[id.index()].under_way = Some(ActionInProgress { action: *action, end, turn });
     }
 
     fn next_event(&self) -> Time {
@@ -466,7 +485,7 @@ impl World for FreeModuleWorld {
             (ports, carried_by, stuck).hash(&mut hasher);
             under_way
                 .as_ref()
-                .map(|ActionInProgress { action, fails, turn }| (action, fails, turn))
+                .map(|ActionInProgress { action, end, turn }| (action, *end as u8, turn))
                 .hash(&mut hasher);
         }
         self.queue.hash(&mut hasher);

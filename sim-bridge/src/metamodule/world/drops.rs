@@ -1,6 +1,7 @@
 //! Elements that are dropped: a latch opens by itself, and the element falls straight down to the first support.
 
 use super::{ActionInProgress, MetamoduleWorld};
+use crate::connections::ActionEnd;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::lattice::Cell;
 use metamorph_protocol::manipulation::colour::colour;
@@ -44,10 +45,12 @@ impl MetamoduleWorld {
         }
         let elements = &self.setup.elements;
         for body in &mut self.bodies {
-            if let Some(ActionInProgress { body_action: BodyAction::Grip(load), fails, .. }) =
+            if let Some(ActionInProgress { body_action: BodyAction::Grip(load), end, .. }) =
                 &mut body.under_way
+                && *end == ActionEnd::Done
+                && elements.of(*load) == Some(element)
             {
-                *fails |= elements.of(*load) == Some(element);
+                *end = ActionEnd::Failed;
             }
         }
         self.elements[element].fallen = true;

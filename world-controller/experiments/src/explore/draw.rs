@@ -9,7 +9,7 @@ use super::commands;
 use super::generated_scenario::{
     Break, GeneratedFault, GeneratedHosts, GeneratedLink, GeneratedScenario, OwnLink,
 };
-use metamorph_families::generated::Dice;
+use metamorph_families::generated::{Dice, Failing};
 use metamorph_processes::family::{Family, all};
 use metamorph_protocol::rng::Rng;
 use metamorph_scenario::Plan;
@@ -88,7 +88,7 @@ fn smallest(family: &dyn Family) -> GeneratedScenario {
         description: String::new(),
         seed: 0,
         swarm: family.smallest(),
-        failed_connections: 0,
+        failing: Failing::default(),
         link: GeneratedLink { delay: (10, 100), ..GeneratedLink::default() },
         faults: Vec::new(),
         rescue: Rescue::default(),
@@ -114,7 +114,17 @@ const LASTING_FROM: u64 = 1 << 32;
 /// moves, because the default bounds account for the link, but not for repeated failures of moves.
 fn lasts(draft: &GeneratedScenario) -> bool {
     let drawn = || Rng::named(draft.seed, "explore, lasting harm", 0).below(4) == 0;
-    draft.seed >= LASTING_FROM && draft.link.harms() && draft.failed_connections == 0 && drawn()
+    draft.seed >= LASTING_FROM && draft.link.harms() && draft.failing == Failing::default() && drawn()
+}
+
+/// Number of the first seed for which models of connections are drawn.
+const CONNECTIONS_FROM: u64 = 1 << 41;
+
+/// Draws a model of connections in one of two runs of a family that has connections.
+fn connections(seed: u64, family: &dyn Family) -> Option<(u8, u16)> {
+    let mut dice = Dice(Rng::named(seed, "explore, connections", 0));
+    let model = (dice.pick(&[0, 3, 5, 8]), dice.pick(&[0, 100, 300]));
+    (seed >= CONNECTIONS_FROM && family.has_connections() && dice.once_in(2)).then_some(model)
 }
 
 /// Draws what all families share.
@@ -123,7 +133,7 @@ fn draft(dice: &mut Dice, seed: u64, family: &dyn Family, elements: bool) -> Gen
         description: String::new(),
         seed,
         swarm: if elements { family.generate_with_elements(dice) } else { family.generate(dice) },
-        failed_connections: 0,
+        failing: Failing { percent: 0, model: connections(seed, family) },
         link: link(dice),
         faults: Vec::new(),
         rescue: rescue(seed),
@@ -132,7 +142,7 @@ fn draft(dice: &mut Dice, seed: u64, family: &dyn Family, elements: bool) -> Gen
     own_links(&mut draft);
     if !dice.once_in(6) {
         if dice.once_in(3) {
-            draft.failed_connections = dice.pick(&[2, 10, 30]);
+            draft.failing.percent = dice.pick(&[2, 10, 30]);
         }
         draft.faults = faults(dice, &draft);
         draft.faults.retain(|fault| fault_keys(family).contains(&fault.what.key()));
@@ -143,7 +153,7 @@ fn draft(dice: &mut Dice, seed: u64, family: &dyn Family, elements: bool) -> Gen
     draft.link.hosts = hosts;
     draft.faults.extend(outages);
     draft.link.until = end_of_harm(dice, &draft);
-    draft.patience = family.patience(draft.failed_connections > 0, draft.link.longest());
+    draft.patience = family.patience(draft.failing != Failing::default(), draft.link.longest());
     if lasts(&draft) {
         // The bounds follow from the link.
         (draft.link.until, draft.patience) = (None, None);

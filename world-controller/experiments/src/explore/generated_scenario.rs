@@ -3,7 +3,7 @@
 //!
 //! Absent: generating one (`draw`) and reducing one (`shrink`).
 
-use metamorph_families::generated::{GeneratedSwarm, cells};
+use metamorph_families::generated::{Failing, GeneratedSwarm, cells};
 use metamorph_processes::family::read_text;
 use metamorph_protocol::defects::Defect;
 use metamorph_protocol::ids::{HostId, ModuleId};
@@ -26,8 +26,8 @@ pub struct GeneratedScenario {
     pub seed: u64,
     /// The modules and their goals.
     pub swarm: Box<dyn GeneratedSwarm>,
-    /// Rate at which moves or connections fail, in percent.
-    pub failed_connections: u8,
+    /// How moves and connections fail.
+    pub failing: Failing,
     /// The link.
     pub link: GeneratedLink,
     /// The faults.
@@ -304,7 +304,7 @@ impl fmt::Display for GeneratedScenario {
             writeln!(f, "description = {}", serde_json::Value::from(self.description.as_str()))?;
         }
         writeln!(f, "seed = {}\n\n[swarm]", self.seed)?;
-        self.swarm.write(f, self.failed_connections)?;
+        self.swarm.write(f, self.failing)?;
         self.link.fmt(f)?;
         if self.rescue != Rescue::default() {
             writeln!(f, "\n[controller]\nrescue = \"{}\"", self.rescue)?;

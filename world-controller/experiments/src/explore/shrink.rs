@@ -4,7 +4,7 @@
 //! Any change alters the delays drawn, so every candidate is also tried with a few other seeds.
 
 use super::generated_scenario::{Break, GeneratedHosts, GeneratedLink, GeneratedScenario};
-use metamorph_families::generated::{GeneratedSwarm, Smaller, parts};
+use metamorph_families::generated::{Failing, GeneratedSwarm, Smaller, parts};
 
 /// Seeds tried besides the current one.
 const SEEDS: [u64; 3] = [1, 2, 3];
@@ -117,9 +117,14 @@ fn simpler_link(draft: &GeneratedScenario, found: &mut Vec<GeneratedScenario>) {
         without.faults.retain(|fault| !matches!(fault.what, Break::KillHost(_)));
         found.push(without);
     }
-    if draft.failed_connections > 0 {
-        found.push(GeneratedScenario { failed_connections: 0, ..draft.clone() });
-    }
+    let failing = draft.failing;
+    let simpler = [Failing { percent: 0, ..failing }, Failing { model: None, ..failing }];
+    found.extend(
+        simpler
+            .into_iter()
+            .filter(|other| *other != failing)
+            .map(|failing| GeneratedScenario { failing, ..draft.clone() }),
+    );
 }
 
 fn simpler_faults(draft: &GeneratedScenario, found: &mut Vec<GeneratedScenario>) {

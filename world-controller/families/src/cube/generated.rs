@@ -1,7 +1,7 @@
 //! A randomly generated swarm of cubes and its goals.
 
 use super::name_of;
-use crate::generated::{Dice, GeneratedSwarm, Smaller, cells, parts};
+use crate::generated::{Dice, Failing, GeneratedSwarm, Smaller, cells, parts};
 use metamorph_protocol::cube::params::Connectivity;
 use metamorph_protocol::goal::Growth;
 use metamorph_protocol::lattice::Cell;
@@ -48,11 +48,9 @@ impl GeneratedSwarm for GeneratedCubes {
     fn obstacle(&self, _: &mut Dice) -> Option<Cell> {
         None
     }
-    fn write(&self, f: &mut fmt::Formatter<'_>, failed: u8) -> fmt::Result {
+    fn write(&self, f: &mut fmt::Formatter<'_>, failing: Failing) -> fmt::Result {
         writeln!(f, "start = {{ cells = [{}] }}", cells(&self.start))?;
-        if failed > 0 {
-            writeln!(f, "failed_connections = \"{failed}%\"")?;
-        }
+        failing.write(f, true)?;
         for goal in &self.goals {
             let growth = match goal.growth {
                 Growth::Scaffold => "scaffold",

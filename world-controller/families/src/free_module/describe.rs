@@ -2,6 +2,7 @@
 
 use super::FreeModules;
 use super::scenario::{BODY, COLLISIONS, CONNECTORS, OBJECTIVES};
+use crate::connection::describe as describe_connection;
 use metamorph_scenario::Plan;
 use metamorph_text::escape::Shown;
 use metamorph_text::format::{count, many};
@@ -14,7 +15,7 @@ fn name<T: PartialEq>(names: &[(&'static str, T)], value: &T) -> &'static str {
 
 /// Writes the description.
 pub fn describe(out: &mut String, plan: &Plan, swarm: &FreeModules) -> std::fmt::Result {
-    let FreeModules { from, to, start, planner, setup } = swarm;
+    let FreeModules { from, to, start, planner, connection, setup } = swarm;
     let modules = many(start.len() as u64, "free module");
     writeln!(out, "  swarm     {modules}, numbered 0 to {}, body {BODY}", start.len() - 1)?;
     writeln!(out, "  start     {}", from.shown())?;
@@ -23,6 +24,9 @@ pub fn describe(out: &mut String, plan: &Plan, swarm: &FreeModules) -> std::fmt:
         "  moves     {} for a step of a joint, {} to connect; {} of connections fail",
         setup.turn_time, setup.connect_time, plan.failure
     )?;
+    if let Some(model) = connection {
+        writeln!(out, "  connect   {}", describe_connection(model))?;
+    }
     let goal = plan.stages.first().map_or(String::new(), |stage| stage.name.shown());
     writeln!(out, "  goal      {goal}: {}", to.shown())?;
     writeln!(

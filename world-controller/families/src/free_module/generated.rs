@@ -1,6 +1,6 @@
 //! A randomly generated structure of free modules and its goal.
 
-use crate::generated::{Dice, GeneratedSwarm, Smaller};
+use crate::generated::{Dice, Failing, GeneratedSwarm, Smaller};
 use metamorph_protocol::lattice::Cell;
 use metamorph_scenario::family::Swarm;
 use std::fmt;
@@ -47,7 +47,7 @@ impl GeneratedSwarm for GeneratedFreeModules {
     fn obstacle(&self, _: &mut Dice) -> Option<Cell> {
         None
     }
-    fn write(&self, f: &mut fmt::Formatter<'_>, failed: u8) -> fmt::Result {
+    fn write(&self, f: &mut fmt::Formatter<'_>, failing: Failing) -> fmt::Result {
         let types: String = self.types.iter().map(u8::to_string).collect();
         writeln!(
             f,
@@ -55,9 +55,7 @@ impl GeneratedSwarm for GeneratedFreeModules {
             super::NAME,
             self.modules()
         )?;
-        if failed > 0 {
-            writeln!(f, "failed_connections = \"{failed}%\"")?;
-        }
+        failing.write(f, false)?;
         writeln!(f, "\n[[goal]]\nshape = \"{}\"", self.goal)
     }
     fn smaller(&self) -> Vec<Smaller> {

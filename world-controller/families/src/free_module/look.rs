@@ -160,6 +160,7 @@ impl Visible for LatticeModule {
         match percept {
             LatticePercept::Done(_) => ActionOutcome::Done,
             LatticePercept::Failed | LatticePercept::Settled { moved: false, .. } => ActionOutcome::Failed,
+            LatticePercept::Misaligned => ActionOutcome::Misaligned,
             LatticePercept::Refused(_) => ActionOutcome::Refused,
             LatticePercept::Carried(_) | LatticePercept::Settled { moved: true, .. } => {
                 ActionOutcome::Carried

@@ -25,6 +25,7 @@ use metamorph_protocol::free_module::reconfiguration::LatticeSetup;
 use metamorph_protocol::free_module::reconfiguration::place::LatticePlace;
 use metamorph_protocol::free_module::reconfiguration::planning::Planner;
 use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::roombots::connection::ConnectionModel;
 use metamorph_scenario::Plan;
 use metamorph_scenario::diagnostics::Diagnostics;
 use metamorph_scenario::error::ScenarioError;
@@ -65,6 +66,9 @@ impl ExploredFamily for FreeModuleFamily {
     fn generate(&self, dice: &mut Dice) -> Box<dyn GeneratedSwarm> {
         Box::new(GeneratedFreeModules::draw(dice))
     }
+    fn has_connections(&self) -> bool {
+        true
+    }
     fn smallest(&self) -> Box<dyn GeneratedSwarm> {
         Box::new(GeneratedFreeModules::smallest())
     }
@@ -100,6 +104,8 @@ pub struct FreeModules {
     pub start: Configuration,
     /// How plans are made, and where they end.
     pub planner: Planner,
+    /// The model of connections; `None` if every connector is where it should be.
+    pub connection: Option<ConnectionModel>,
     /// Constant parameters that all agents share.
     pub setup: Arc<LatticeSetup>,
 }

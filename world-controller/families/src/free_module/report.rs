@@ -1,6 +1,7 @@
 //! The results that only free modules have, as a part of the report.
 
 use super::walking::report::WalkReport;
+use crate::connection::ConnectionReport;
 use metamorph_report::family_part::{FamilyPart, FamilyText};
 use metamorph_report::schema::MoveReport;
 use metamorph_text::format::{count, many};
@@ -25,6 +26,9 @@ pub struct FreeModuleReport {
     pub detachments: u64,
     /// The work of the planner.
     pub plan: FreePlanReport,
+    /// Attempts to close a connector; left out without `[swarm.connection]`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub connecting: Option<ConnectionReport>,
 }
 
 /// The work of the planner.
@@ -71,7 +75,7 @@ pub fn part(report: &FreeModuleReport, bodies: &MoveReport) -> FamilyPart {
     ]
     .join(", ");
     let plan = &report.plan;
-    let moves = vec![
+    let mut moves = vec![
         (
             "actions",
             format!(
@@ -104,6 +108,7 @@ pub fn part(report: &FreeModuleReport, bodies: &MoveReport) -> FamilyPart {
             ),
         ),
     ];
+    moves.extend(report.connecting.as_ref().map(ConnectionReport::line));
     let note = format!("Free modules on the lattice, planned centrally. Their actions are {actions}.");
     let text = FamilyText { moves, note, joint_steps: Some(report.turns) };
     FamilyPart { key: KEY, value: json!(report), text }

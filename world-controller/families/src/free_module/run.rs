@@ -3,6 +3,7 @@
 use super::FreeModules;
 use super::report::{self, FreeModuleReport, FreePlanReport};
 use super::scenario::BODY;
+use crate::connection::ConnectionReport;
 use crate::runnable::{Runnable, stage};
 use metamorph_protocol::assembly::action::Connectors;
 use metamorph_protocol::assembly::checker::Physics;
@@ -29,6 +30,7 @@ impl Runnable for FreeModules {
         let active = self.planner.connectors == Connectors::Active;
         let physics = Physics { collision: self.planner.collision, active, standing: None };
         FreeModuleWorld::new(Arc::clone(&self.setup), physics, &self.places(), plan.seed)
+            .with_connections(self.connection)
     }
     fn director(&self, plan: &Plan) -> FreeModuleDirector {
         let course = ReconfigurationRun {
@@ -79,6 +81,7 @@ impl Runnable for FreeModules {
                 late: p.late,
                 work: p.work,
             },
+            connecting: world.connection_counts().as_ref().map(ConnectionReport::of),
         };
         RunResult {
             prevented: director.prevented(),

@@ -4,6 +4,7 @@ use super::FreeModules;
 use super::bounds::bounds;
 use super::error::FreeModuleError;
 use super::walking::{self, RawWalk};
+use crate::connection::{self, RawConnection};
 use metamorph_free_modules::plan::input::{Structured, structured};
 use metamorph_protocol::assembly::action::Connectors;
 use metamorph_protocol::assembly::collision::Model;
@@ -81,6 +82,7 @@ pub struct RawFreeModules {
     types: Option<At<String>>,
     joints: Option<At<Joints>>,
     turn_time: Option<At<Span>>,
+    connection: Option<RawConnection>,
     goal: Option<Named>,
     name: Option<String>,
     collision: Model,
@@ -144,6 +146,7 @@ impl RawFreeModules {
             types: swarm.get("types", diagnostics),
             joints: swarm.get("joints_deg", diagnostics),
             turn_time: swarm.get("turn_time", diagnostics),
+            connection: RawConnection::read(swarm.node(connection::KEY), diagnostics),
             goal: None,
             name: None,
             collision: Model::Strict,
@@ -341,9 +344,10 @@ impl RawSwarm for RawFreeModules {
             Structured::Shape(shape) => Goal::Shape(*shape),
             Structured::Configuration(configuration) => Goal::Configuration(*configuration),
         };
+        let connection = self.connection.as_ref().map(|written| written.without_weight(diagnostics));
         spec.swarm = self.planner(goal, diagnostics).map(|planner| {
             let (from, to) = (from.text.clone(), to.text.clone());
-            Swarm::new(FreeModules { from, to, start, planner, setup: Arc::new(setup) })
+            Swarm::new(FreeModules { from, to, start, planner, connection, setup: Arc::new(setup) })
         });
         Some(spec)
     }

@@ -50,6 +50,7 @@ fn swarm() -> Value {
                 json!({ "type": "array", "items": angles }),
             ),
             "turn_time": said("The duration of a step of a joint, and of a connection.", or(BEAT.to_string(), of("time"))),
+            "connection": crate::connection::schema(),
             "failed_connections": seldom("How often a move or a connection fails."),
         }),
     );

@@ -58,6 +58,9 @@ impl Worded for LatticeModule {
         match percept {
             LatticePercept::Done(place) => format!("is now at {}", LatticeModule::place(place)),
             LatticePercept::Failed => "has failed, and is where it was".to_owned(),
+            LatticePercept::Misaligned => {
+                "has not connected: its connector is too far from its target".to_owned()
+            }
             LatticePercept::Carried(swing) => {
                 format!("is carried by a turn of {}° about {}", swing.degrees, swing.pivot)
             }

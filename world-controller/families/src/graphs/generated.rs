@@ -2,7 +2,7 @@
 
 use super::GraphProtocol;
 use super::contacts::Contacts;
-use crate::generated::{Dice, GeneratedSwarm, Smaller};
+use crate::generated::{Dice, Failing, GeneratedSwarm, Smaller};
 use metamorph_protocol::lattice::Cell;
 use metamorph_scenario::family::Swarm;
 use std::fmt;
@@ -100,7 +100,7 @@ impl<P: GraphProtocol> GeneratedSwarm for GraphDraft<P> {
     fn summary(&self) -> String {
         format!("{} modules {}", count(&self.contacts), self.contacts)
     }
-    fn write(&self, f: &mut fmt::Formatter<'_>, _: u8) -> fmt::Result {
+    fn write(&self, f: &mut fmt::Formatter<'_>, _: Failing) -> fmt::Result {
         let graph = match &self.contacts {
             Contacts::Ring(modules) => format!("ring = {modules}"),
             Contacts::Line(modules) => format!("line = {modules}"),

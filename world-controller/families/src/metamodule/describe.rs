@@ -1,6 +1,7 @@
 //! The description of a swarm of metamodules, for `metamorph check`.
 
 use super::Metamodules;
+use crate::connection::describe as describe_connection;
 use metamorph_protocol::metamodule::params::{
     Ask, Params, Precedence, PrecedenceBy, Repulsion, SeedAuthority,
 };
@@ -40,6 +41,9 @@ pub fn describe(out: &mut String, plan: &Plan, swarm: &Metamodules) -> std::fmt:
         "  moves     {} for a step of a joint, {} to connect; {} of connections fail; communication range {} connectors",
         params.turn_time, params.connect_time, plan.failure, params.communication_range
     )?;
+    if let Some(model) = &swarm.connection {
+        writeln!(out, "  connect   {}", describe_connection(model))?;
+    }
     let begins = std::iter::once(Time::ZERO).chain(swarm.changes.iter().map(|(at, _)| *at));
     for ((stage, goal), at) in plan.stages.iter().zip(&setup.goals).zip(begins) {
         let levels: Vec<String> = goal.levels().iter().map(u8::to_string).collect();

@@ -1,7 +1,7 @@
 //! A randomly generated swarm of metamodules and its goals.
 
 use super::Metamodules;
-use crate::generated::{Dice, GeneratedSwarm, Smaller};
+use crate::generated::{Dice, Failing, GeneratedSwarm, Smaller};
 use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::metamodule::blueprint::{Seed, SeedOrder};
 use metamorph_protocol::metamodule::params::{Precedence, SeedAuthority, Strategy};
@@ -82,7 +82,7 @@ impl GeneratedSwarm for GeneratedMetamodules {
     fn elements(&self) -> u16 {
         u16::from(self.element.is_some())
     }
-    fn write(&self, f: &mut fmt::Formatter<'_>, failed: u8) -> fmt::Result {
+    fn write(&self, f: &mut fmt::Formatter<'_>, failing: Failing) -> fmt::Result {
         let last = self.side - 1;
         writeln!(f, "family = \"metamodule\"\nkind = \"{}\"", self.kind.name())?;
         writeln!(f, "floor = {{ min = [0, 0], max = [{last}, {last}] }}")?;
@@ -94,9 +94,7 @@ impl GeneratedSwarm for GeneratedMetamodules {
                 writeln!(f, "start = [{}]", places.join(", "))?;
             }
         }
-        if failed > 0 {
-            writeln!(f, "failed_connections = \"{failed}%\"")?;
-        }
+        failing.write(f, true)?;
         if let Some(GeneratedElement { shape, grams, at, to }) = &self.element {
             let kilograms = f64::from(*grams) / 1000.0;
             writeln!(f, "\n[[swarm.element]]\nshape = \"{shape}\"\nmass = {kilograms}")?;

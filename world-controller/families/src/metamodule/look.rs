@@ -179,6 +179,7 @@ impl Visible for Metamodule {
         match percept {
             Percept::Done(_) => ActionOutcome::Done,
             Percept::Failed => ActionOutcome::Failed,
+            Percept::Misaligned => ActionOutcome::Misaligned,
             Percept::Refused(_) => ActionOutcome::Refused,
         }
     }

@@ -32,6 +32,7 @@ use metamorph_protocol::metamodule::Metamodule;
 use metamorph_protocol::metamodule::params::{Floor, Setup, Strategy};
 use metamorph_protocol::metamodule::pose::Pose;
 use metamorph_protocol::metamodule::start::draw_start;
+use metamorph_protocol::roombots::connection::ConnectionModel;
 use metamorph_protocol::time::Time;
 use metamorph_scenario::Plan;
 use metamorph_scenario::diagnostics::Diagnostics;
@@ -98,6 +99,9 @@ impl ExploredFamily for MetamoduleFamily {
     fn generate_with_elements(&self, dice: &mut Dice) -> Box<dyn GeneratedSwarm> {
         Box::new(dice.metamodules_with_element())
     }
+    fn has_connections(&self) -> bool {
+        true
+    }
     fn smallest(&self) -> Box<dyn GeneratedSwarm> {
         Box::new(generate::smallest())
     }
@@ -129,6 +133,8 @@ pub struct Metamodules {
     pub redrawn: u32,
     /// Constant parameters that all agents share.
     pub setup: Arc<Setup>,
+    /// The model of connections; `None` if every connector is where it should be.
+    pub connection: Option<ConnectionModel>,
     /// Times at which goals are replaced, with the new goal, sorted by time.
     pub changes: Arc<[(Time, u8)]>,
     /// True if a goal that cannot be built in place is moved.

@@ -1,5 +1,6 @@
 //! The results that only metamodules have, as a part of the report.
 
+use crate::connection::ConnectionReport;
 use metamorph_report::family_part::{FamilyPart, FamilyText};
 use metamorph_report::schema::MoveReport;
 use metamorph_sim_bridge::metamodule::director::GoalChange;
@@ -54,6 +55,9 @@ pub struct MetamoduleReport {
     /// The passive elements; left out if there are none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub elements: Option<ElementsReport>,
+    /// Attempts to close a connector; left out without `[swarm.connection]`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub connecting: Option<ConnectionReport>,
 }
 
 /// The passive elements of a run.
@@ -174,6 +178,7 @@ pub fn part(m: &MetamoduleReport, d: &MoveReport, modules: usize, is_begun: bool
     if is_begun {
         moves.push(("last seed", format!("filled at {}", seconds(m.last_fill_s))));
     }
+    moves.extend(m.connecting.as_ref().map(ConnectionReport::line));
     if let Some(plan) = &m.plan {
         let handed = match plan.handed_over {
             0 => String::new(),

@@ -5,6 +5,7 @@ use super::judge::MetamoduleQuestion;
 use super::report::{
     self, BlockedReport, ElementsReport, LevelReport, MetamoduleReport, PinnedReport, PlanReport,
 };
+use crate::connection::ConnectionReport;
 use crate::runnable::{Runnable, stage};
 use metamorph_protocol::metamodule::blueprint::Task;
 use metamorph_protocol::metamodule::params::Setup;
@@ -70,6 +71,7 @@ impl Runnable for Metamodules {
     }
     fn world(&self, plan: &Plan) -> MetamoduleWorld {
         MetamoduleWorld::new(Arc::clone(&self.setup), &self.poses, plan.seed)
+            .with_connections(self.connection)
     }
     fn director(&self, plan: &Plan) -> MetamoduleDirector {
         let plan = MetamodulePlan {
@@ -159,6 +161,7 @@ impl Runnable for Metamodules {
                         work: p.work,
                     }),
                     elements: elements_report(&self.setup, director, world),
+                    connecting: world.connection_counts().as_ref().map(ConnectionReport::of),
                 },
                 &bodies,
                 world.len(),

@@ -11,6 +11,7 @@ use super::elements::{self, RawElement, Surroundings};
 use super::error::{MAX_COMMUNICATION_RANGE, MAX_FLOOR, MAX_METAMODULES, MetamoduleError};
 use super::field::RawField;
 use super::motion_database::motions;
+use crate::connection::{self, RawConnection};
 use metamorph_protocol::lattice::{Cell, Face};
 use metamorph_protocol::metamodule::blueprint::{
     Blueprint, BlueprintError, Seed, SeedOrder, box_of_four, chair_of_six,
@@ -70,6 +71,7 @@ pub struct RawMetamodules {
     communication_range: Option<At<u64>>,
     start: At<RawStart>,
     elements: Vec<RawElement>,
+    connection: Option<RawConnection>,
     goals: Vec<RawGoal>,
     strategy: Strategy,
     field: RawField,
@@ -140,6 +142,7 @@ impl RawMetamodules {
             communication_range: swarm.get(range, diagnostics),
             start: start.unwrap_or_else(|| At { value: RawStart::Random, place: swarm.place().clone() }),
             elements: elements::read(swarm.node("element"), diagnostics),
+            connection: RawConnection::read(swarm.node(connection::KEY), diagnostics),
             goals: Vec::new(),
             strategy: Strategy::default(),
             field: RawField::default(),
@@ -276,8 +279,8 @@ impl RawMetamodules {
         let Start { poses, redrawn } = start;
         let changes = (1..).zip(self.changes()).map(|(goal, at)| (Time::ZERO + at.value, goal)).collect();
         let hands_over = self.fallback.as_ref().is_none_or(|f| f.value);
-        let relocate = self.relocate;
-        let swarm = Metamodules { drawn, poses, redrawn, setup, changes, relocate, hands_over };
+        let (relocate, connection) = (self.relocate, self.connection.as_ref().map(RawConnection::model));
+        let swarm = Metamodules { drawn, poses, redrawn, setup, connection, changes, relocate, hands_over };
         diagnostics.note(&self.start.place, swarm.check_ports())?;
         Some(Swarm::new(swarm))
     }

@@ -64,6 +64,7 @@ fn swarm() -> Value {
             "start": said("Drawn from the seed of the run, on the whole floor or in an area of it, or a list.", or("random", start)),
             "turn_time": said("How long a step of a joint takes, and a connection.", or(BEAT.to_string(), of("time"))),
             "failed_connections": seldom("How often a move or a connection fails."),
+            "connection": crate::connection::schema(),
             "element": said(
                 "Passive elements that metamodules carry, with `strategy = \"planned\"`. If left out, there are none.",
                 json!({ "type": "array", "maxItems": MAX_ELEMENTS, "items": of("element") }),

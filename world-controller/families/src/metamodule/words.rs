@@ -38,6 +38,9 @@ impl Worded for Metamodule {
         match percept {
             MetamodulePercept::Done(pose) => format!("is now at {}", Metamodule::place(pose)),
             MetamodulePercept::Failed => "has failed, and is where it was".to_owned(),
+            MetamodulePercept::Misaligned => {
+                "has not connected: its connector is too far from its target".to_owned()
+            }
             MetamodulePercept::Refused(why) => format!(
                 "refuses: {}",
                 match why {

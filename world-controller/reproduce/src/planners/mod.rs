@@ -2,6 +2,7 @@
 
 mod appendix_b;
 mod graph_signature;
+mod gripping;
 mod learning_curves;
 mod network_parameters;
 mod on_grid;
@@ -182,6 +183,7 @@ pub fn reproduce(experiments: &[Experiment], request: &Request) -> Result<u8, Re
                 table
             }
             Experiment::Stoy => stoy::table(request, &interrupt)?,
+            Experiment::Gripping => gripping::table(),
             Experiment::Torque => torque::table(),
             Experiment::Transport => transport::table(request, &interrupt)?,
             Experiment::AppendixB => appendix_b::table(),

@@ -20,6 +20,7 @@ const FLAGS = [
 
 const number = (n) => n.toLocaleString("en");
 const seconds = (t) => `${(t / 1e6).toFixed(2)} s`;
+const failing = ({ failed, why }) => (failed ? `, which fails${why && `: ${why}`}` : "");
 
 export class Panel {
   constructor(story, picture) {
@@ -195,7 +196,7 @@ export class Panel {
     const { standing, life } = known;
     const { words } = story.scene;
     const role = standing.role === null ? "not heard of yet" : words.roles[standing.role].about.replace("{}", standing.place);
-    const does = body.doing ? body.motion.name + (body.doing.failed ? ", which fails" : "") : "rests";
+    const does = body.doing ? body.motion.name + failing(body.doing) : "rests";
     const [one, several] = words.distance;
     // Messages between modules are being loaded, or not available at all.
     const untold = story.scene.messages ? "loading" : "not seen from outside";
@@ -233,7 +234,7 @@ export class Panel {
     const moves = id === null ? story.underWay(t, MOVES) : story.movesOf(id, t, MOVES);
     const row = ({ doing, who }) => {
       const begun = make("button", { class: "link", type: "button", onclick: () => this.onSeek(doing.t) }, seconds(doing.t));
-      const how = doing.failed ? ", which fails" : "";
+      const how = failing(doing);
       const what = make("span", {}, `${doing.motion.name}${how}`, make("span", { class: "where" }, ` to ${doing.to.at}`));
       return id === null ? make("li", {}, begun, this.link(who), what) : make("li", { class: "own" }, begun, what);
     };

@@ -132,7 +132,7 @@ export class Story {
         const from = module.stance;
         const until = t + motion.takes;
         module.stance = { at, poses: carried(from.poses, motion.segments, 1) };
-        module.doings.push({ t, until, from, to: module.stance, motion, failed: false });
+        module.doings.push({ t, until, from, to: module.stance, motion, failed: false, why: "" });
         moment(t);
         moment(until);
         break;
@@ -141,6 +141,7 @@ export class Story {
         const last = module.doings[module.doings.length - 1];
         if (last) {
           last.failed = true;
+          last.why = event[3] ?? "";
           module.stance = last.from;
         }
         break;

@@ -346,8 +346,8 @@ impl LatticeModule {
                 // Otherwise an earlier incarnation has begun it, and a step ordered meanwhile is for the place before.
                 self.finish(if is_acting { Ok(()) } else { Err(Failure::Stale) });
             }
-            LatticePercept::Failed if !is_acting => {}
-            LatticePercept::Failed => {
+            LatticePercept::Failed | LatticePercept::Misaligned if !is_acting => {}
+            LatticePercept::Failed | LatticePercept::Misaligned => {
                 let is_turn =
                     self.job.is_some_and(|job| matches!(job.body_action, LatticeBodyAction::Turn { .. }));
                 self.finish(Err(if is_turn { Failure::Joint } else { Failure::Connection }));

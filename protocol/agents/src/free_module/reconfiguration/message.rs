@@ -255,6 +255,8 @@ pub enum LatticePercept {
         /// Whether it was moved.
         moved: bool,
     },
+    /// The connector was too far from its target to close; the body is where it was.
+    Misaligned,
 }
 
 messages!(LatticePercept {
@@ -263,6 +265,7 @@ messages!(LatticePercept {
     18 => Refused(refusal),
     19 => Carried(swing),
     20 => Settled { place, moved },
+    21 => Misaligned,
 });
 
 /// Why a branch lock is refused.

@@ -88,6 +88,8 @@ pub enum Percept {
     Failed,
     /// It was not begun.
     Refused(Refusal),
+    /// The connector was too far from its target to close; the body is where it was.
+    Misaligned,
 }
 
-messages!(Percept { 16 => Done(pose), 17 => Failed, 18 => Refused(refusal) });
+messages!(Percept { 16 => Done(pose), 17 => Failed, 18 => Refused(refusal), 19 => Misaligned });

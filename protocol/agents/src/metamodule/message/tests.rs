@@ -104,6 +104,7 @@ fn everything_survives_the_wire() {
     }
     round_trip(&Percept::Done(p));
     round_trip(&Percept::Failed);
+    round_trip(&Percept::Misaligned);
     round_trip(&Order::Seeds { task: a_task(), open: SeedSet(6), filled });
     round_trip(&Order::Seeds { task: a_task(), open: wide, filled });
     round_trip(&Order::Seeds { task: a_task(), open: SeedSet(6), filled: wide });

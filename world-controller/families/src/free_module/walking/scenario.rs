@@ -2,6 +2,7 @@
 
 use super::error::WalkError;
 use super::{BODY, Walk};
+use crate::connection;
 use crate::free_module::scenario::{BODY as LATTICE, refuse, strategy};
 use metamorph_free_modules::gait::ask_tell::Method;
 use metamorph_free_modules::gait::elites::{self, Elite};
@@ -123,7 +124,8 @@ impl RawWalk {
             raw.slope_deg = slope.unwrap_or(raw.slope_deg);
             ground.finish(diagnostics);
         }
-        refuse(&mut swarm, &["types", "joints_deg", "turn_time"], [BODY, LATTICE], diagnostics);
+        let of_lattice = ["types", "joints_deg", "turn_time", connection::KEY];
+        refuse(&mut swarm, &of_lattice, [BODY, LATTICE], diagnostics);
         swarm.finish(diagnostics);
         for (i, mut section) in goal_sections(others.goals, WALK, diagnostics).into_iter().enumerate() {
             if i > 0 {
