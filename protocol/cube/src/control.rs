@@ -77,7 +77,7 @@ pub struct CustodyAnnouncement {
 
 /// The place of a module in the order of holders; the smallest key is the best holder. Finalized modules come first, since they
 /// never leave; then those whose path to the finalized modules was confirmed last, so that a module lets go only for one that
-/// has been confirmed later than itself (`custody`).
+/// has been confirmed later than itself (`custody`). For one dead module see [`CustodyKey::order_for`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CustodyKey {
     /// False if the module is finalized, or stands in the seed cell.
@@ -95,6 +95,14 @@ impl CustodyKey {
     pub fn new(cell: Cell, is_final: bool, confirmed: Time, seed: Cell) -> CustodyKey {
         let is_loose = !(is_final || cell == seed);
         CustodyKey { is_loose, confirmed: Reverse(confirmed), distance: cell.manhattan(seed), cell }
+    }
+    /// Returns the place in the order of holders of the dead module in a cell; the least is the best. A finalized holder that touches
+    /// it comes first. One that holds it over others of the dead is as good as the time at which that was certain: if one of those
+    /// in between restarts, it holds the dead module no more.
+    pub fn order_for(&self, dead: Cell) -> (bool, Reverse<Time>, CustodyKey) {
+        let touches = self.cell.manhattan(dead) == 1;
+        let time = if !self.is_loose && touches { Reverse(Time::NEVER) } else { self.confirmed };
+        (self.is_loose || !touches, time, *self)
     }
     /// Returns true if the holder does not hang on a module that died at `died`, by its announcement.
     pub fn is_after(&self, died: Time) -> bool {

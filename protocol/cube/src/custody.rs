@@ -16,6 +16,10 @@
 //! module twice, and it ends at a finalized module. An order by places alone would not do: H dies, its parent lets go of it because of
 //! an early announcement of a module that has let go for H (`Defect::ClusterOrder`).
 //!
+//! *A finalized holder that touches only other dead modules* holds D as long as the chain between them is dead. The controller says
+//! at which time that was certain, and a module lets go for it only if its own path was not confirmed later; otherwise the order
+//! may be older than a restart in the chain, after which D counts on this module.
+//!
 //! *A dead module in a chain restarts.* It touches dead modules that it has not heard, holds them for that reason, and believes nothing
 //! about them as long as it stands there ([`believes`]). So it stays, and both parts of the chain hang together over it. If a holder
 //! restarts, the same is true of it; if it dies, it stays where it is. Two neighbours in a chain that restart together do not hold each
@@ -36,7 +40,7 @@ use core::cmp::Reverse;
 use core::hash::Hash;
 use metamorph_core::defects::Defect;
 use metamorph_core::digest::Portable;
-use metamorph_core::lattice::Face;
+use metamorph_core::lattice::{Cell, Face};
 use metamorph_core::time::Time;
 
 /// A dead neighbour: what its certificate says, and which holders have been announced.
@@ -153,7 +157,7 @@ impl Custody {
         if !key.is_loose && !touches {
             death.connected = death.connected.max(Some(key.confirmed.0));
         }
-        let is_better = |other| ordered(v, key) < ordered(v, other);
+        let is_better = |other| ordered(v, key, of.dead) < ordered(v, other, of.dead);
         death.other = death.other.filter(|other| !is_better(*other)).or(Some(key));
         Some(face)
     }
@@ -179,7 +183,8 @@ impl Custody {
             return false;
         }
         let Some(Death { announced, other: Some(other), .. }) = self.death(face) else { return false };
-        announced.is_none_or(|confirmed| ordered(v, *other) < ordered(v, own_key(v, confirmed)))
+        let dead = v.own.cell.step(face);
+        announced.is_none_or(|confirmed| ordered(v, *other, dead) < ordered(v, own_key(v, confirmed), dead))
     }
 }
 
@@ -189,9 +194,10 @@ pub(super) fn believes(v: View<'_>) -> bool {
     !v.own.restarted || v.has(Defect::BelieveAfterRestart)
 }
 
-/// Returns a key as it is compared with others.
-fn ordered(v: View<'_>, key: CustodyKey) -> CustodyKey {
-    if v.has(Defect::ClusterOrder) { CustodyKey { confirmed: Reverse(Time::ZERO), ..key } } else { key }
+/// Returns the order by which holders of the dead module in a cell are compared.
+fn ordered(v: View<'_>, key: CustodyKey, dead: Cell) -> impl Ord + use<> {
+    let by_places = CustodyKey { confirmed: Reverse(Time::ZERO), ..key };
+    if v.has(Defect::ClusterOrder) { by_places.order_for(dead) } else { key.order_for(dead) }
 }
 
 /// Returns the place of this module in the order of holders, if its path was confirmed at `confirmed`.
@@ -390,6 +396,13 @@ pub(crate) mod tests {
             CustodyAnnouncement { holder: CustodyKey { is_loose: false, ..of.holder }, ..of }
         };
         assert!(is_free(None, finalized), "a finalized holder is better than any other");
+        fn apart(b: &Bench, at: Time) -> CustodyAnnouncement {
+            let of = b.confirms(FARTHER, at);
+            let cell = Cell::new(-3, 0, 0);
+            CustodyAnnouncement { holder: CustodyKey { is_loose: false, cell, ..of.holder }, ..of }
+        }
+        assert!(is_free(None, |b| apart(b, DIED + Span(1))), "it was certain when this path was confirmed");
+        assert!(!is_free(None, |b| apart(b, DIED)), "one of the dead in between may have restarted since");
         // Its own announcement, of an earlier incarnation.
         assert!(!is_free(None, |b| b.confirms(DEAD.opposite(), DIED + Span(2))));
     }

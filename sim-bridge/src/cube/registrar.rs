@@ -46,6 +46,10 @@ impl Offer {
         }
         Some(Offer { is_loose: key.is_loose, is_apart, key })
     }
+    /// Returns the offer of a finalized holder as of a later time: nothing has died or been started since it was certain.
+    fn as_of(self, now: Time) -> Offer {
+        Offer { key: CustodyKey { confirmed: Reverse(now), ..self.key }, ..self }
+    }
 }
 
 /// The deaths of a run.
@@ -142,9 +146,16 @@ impl Registrar {
                 let Some(best) = death.best.filter(|best| best.key.cell != world.cell(peer)) else {
                     continue;
                 };
+                let of_peer = holder(&self.news, epoch, contact, death.died).map(|status| status.confirmed);
+                // Its path was confirmed since: it lets go only for what is certain since then, too.
+                let is_old =
+                    |offer: &Offer| offer.is_apart && of_peer.is_some_and(|at| at > offer.key.confirmed.0);
+                let is_certain = self.sure.is_some() && of_peer.is_none_or(|at| at < now);
+                let best = if is_old(&best) && is_certain { best.as_of(now) } else { best };
                 // A module that does not hold the dead one needs no better holder, unless that makes the dead one a root.
-                let needs = || !best.is_loose || holder(&self.news, epoch, contact, death.died).is_some();
-                if death.informed.get(&session).is_none_or(|told| best < *told && needs()) {
+                let needs = || !best.is_loose || of_peer.is_some();
+                let is_better = |told: &Offer| (best < *told && needs()) || (is_old(told) && !is_old(&best));
+                if death.informed.get(&session).is_none_or(is_better) {
                     death.informed.insert(session, best);
                     let (dead, died) = (world.cell(*victim), death.died);
                     let of = CustodyAnnouncement { dead, died, epoch, holder: best.key };
