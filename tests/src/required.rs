@@ -26,10 +26,12 @@ pub enum Check {
     Slurm,
     /// Sweeps by Dask, from Python.
     Dask,
+    /// Proofs for any number of modules, by z3.
+    Proofs,
 }
 
 impl Check {
-    const ALL: [Check; 8] = [
+    const ALL: [Check; 9] = [
         Check::Deny,
         Check::Browser,
         Check::Npm,
@@ -38,6 +40,7 @@ impl Check {
         Check::Namespaces,
         Check::Slurm,
         Check::Dask,
+        Check::Proofs,
     ];
 }
 
@@ -52,6 +55,7 @@ impl Display for Check {
             Check::Namespaces => "namespaces",
             Check::Slurm => "slurm",
             Check::Dask => "dask",
+            Check::Proofs => "proofs",
         })
     }
 }

@@ -43,7 +43,7 @@ fn a_chair_is_built_on_joints_that_yield() {
     is_told(&ran, &journal);
     let all = report(&ran.out);
     let [_, misaligned, missed] = connecting(&all, "metamodules");
-    assert_eq!(all.bodies.failed, misaligned + missed);
+    assert_eq!(all.move_details.failed, misaligned + missed);
 }
 
 #[test]

@@ -52,6 +52,7 @@ mod planned;
 mod planning;
 mod pointing;
 mod portable;
+mod proofs;
 mod publishing;
 mod render;
 mod replay_matrix;

@@ -220,6 +220,7 @@ impl MetamoduleWorld {
 mod tests {
     use super::super::tests::{act_of, setup, upright};
     use super::*;
+    use crate::connections::ActionEnd;
     use metamorph_kernel::world::invariants::Invariant;
     use metamorph_protocol::manipulation::load::LoadLimits;
     use metamorph_protocol::metamodule::elements::{Elements, PassiveElement};
@@ -367,7 +368,7 @@ mod tests {
             world.bodies[1].pose = pose;
             let body_action = BodyAction::Turn(0);
             world.bodies[0].under_way =
-                Some(ActionInProgress { to: pose, claimed: Vec::new(), body_action, fails: false });
+                Some(ActionInProgress { to: pose, claimed: Vec::new(), body_action, end: ActionEnd::Done });
         };
         assert!(spoilt(turns).contains(&CLOSED_CHAIN));
         let mut world = gripped(&CUBE);
@@ -375,7 +376,7 @@ mod tests {
         let to = Pose { posture: pose.posture, ..pose };
         let body_action = BodyAction::Turn(0);
         world.bodies[0].under_way =
-            Some(ActionInProgress { to, claimed: Vec::new(), body_action, fails: false });
+            Some(ActionInProgress { to, claimed: Vec::new(), body_action, end: ActionEnd::Done });
         world.check_torque(Time::ZERO, ModuleId(0));
         assert_eq!(fired(&mut world), [TORQUE]);
     }
