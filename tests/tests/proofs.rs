@@ -59,8 +59,13 @@ fn the_protocols_are_safe_for_any_number_of_modules() {
     let all: Value = serde_json::from_str(&text).unwrap_or_else(|error| panic!("{error}: {output:?}"));
     assert!(output.status.success() && all["is_fine"] == true, "{text}");
     let parts = all["parts"].as_array().unwrap();
-    let proved: Vec<u64> = parts.iter().map(|part| part["proved"].as_u64().unwrap()).collect();
-    assert!(proved.len() == 4 && proved.iter().all(|n| *n >= 80), "{proved:?}");
+    let page = std::fs::read_to_string(root().join("docs/proofs.md")).unwrap();
+    for part in parts {
+        let (title, proved) = (part["title"].as_str().unwrap(), part["proved"].as_u64().unwrap());
+        let row = page.lines().find(|line| line.starts_with(&format!("| {title} |")));
+        let is_told = row.is_some_and(|row| row.ends_with(&format!("| {proved} |")));
+        assert!(is_told, "docs/proofs.md: {title} has {proved} obligations");
+    }
     let refused = |defect: &&str| {
         let mut refusals = parts.iter().flat_map(|part| part["refused"].as_array().unwrap());
         !refusals.any(|refusal| refusal["defect"] == **defect)

@@ -177,7 +177,8 @@ impl Custody {
         self.death(face)?.connected
     }
 
-    /// Returns true if this module knows of a better holder than itself of the neighbour on a face.
+    /// Returns true if this module knows of a better holder than itself of the neighbour on a face. A dead module counts on the best
+    /// holder that was ever announced. That one lets go only for a better one, so it is never the last to let go.
     pub fn is_released(&self, v: View<'_>, face: Face) -> bool {
         if !believes(v) {
             return false;

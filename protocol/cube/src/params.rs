@@ -73,7 +73,8 @@ pub struct Params {
     /// with a suspected neighbour starts no cell out of turn.
     pub out_of_turn_after: Span,
     /// How long a restarted module only listens and looks for a parent: it grants nothing, does not move and
-    /// is not finalized.
+    /// is not finalized. Two leases are longer than any lock lasts that it granted before, by the fastest clock, and than any move
+    /// that its body was asked for before.
     pub quarantine: Span,
     /// The reach of gradients, in moves.
     pub range: u16,
@@ -165,6 +166,8 @@ impl Params {
     }
     /// Returns the latest start of a move, counted from its first request: `lease·(1−drift) − move − skew`. The mover
     /// sets the deadline by its own clock, and the body compares it with the controller's.
+    ///
+    /// A lock so ends strictly after the latest end of the move: a grantor may leave at the instant at which its lock ends.
     pub fn start_within(&self) -> Span {
         let shrunk = self.lease.0 - self.lease.0 / u64::from(self.drift.den()) * u64::from(self.drift.num());
         Span(shrunk) - self.move_time - self.clock_margin()

@@ -224,7 +224,8 @@ impl ParentForest {
         self.children[face.index()] = None;
     }
 
-    /// Registers or forgets the neighbour on a face as a child, as its beacon asks.
+    /// Registers or forgets the neighbour on a face as a child, as its beacon asks. Only a later beacon of the same contact ends a
+    /// registration; an older one is not taken any more.
     pub fn register_child(&mut self, v: View<'_>, is_idle: bool, face: Face, beacon: &Beacon) {
         let can_adopt = v.own.role != Role::Walker && self.is_attached(v) && is_idle && !v.is_quarantined();
         let child = match beacon.claim {
@@ -337,7 +338,8 @@ impl ParentForest {
     }
 
     /// Takes a dead neighbour as the parent that hangs together with the finalized modules over other dead ones, preferably the
-    /// parent: no living module has to stay for that. The path over it is as new as that is certain. Returns false if there is no
+    /// parent: no living module has to stay for that. The path over it is as new as that is certain, and no newer: if one of the dead
+    /// in between restarts, its next parent has a newer path, so that does not hang on this module. Returns false if there is no
     /// such neighbour.
     fn hang_on_connected(&mut self) -> bool {
         let connected = |face: Face| Some((self.custody.connected(face)?, face));
@@ -373,6 +375,8 @@ impl ParentForest {
         }
     }
 
+    /// Takes a candidate for the parent, if it has acknowledged this request. The token shows that it has registered this request
+    /// and not an earlier one, and this module has claimed it in every beacon since.
     fn adopt_if_acknowledged(&mut self, v: View<'_>, face: Face, token: Token) {
         let qualifies = |b: &&Beacon| b.epoch == v.own.epoch && b.attached && b.role != Role::Walker;
         let Some(b) = v.live(face).filter(qualifies) else {

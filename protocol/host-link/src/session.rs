@@ -95,7 +95,8 @@ impl Session {
         }
     }
 
-    /// Returns until when a ward may act.
+    /// Returns until when a ward may act: counted from a time that the guardian is known to have heard. A ward that hears the guardian
+    /// learns nothing about the other direction. The fiftieth is more than both clocks gain or lose.
     pub fn acts_until(&self, config: &Config) -> Time {
         let by_hearing = config.defect == Some(HostLinkDefect::LeaseByHearing);
         let since = if by_hearing { self.heard_at } else { self.echoed };

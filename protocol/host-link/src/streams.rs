@@ -91,7 +91,7 @@ impl StreamReceiver {
     }
 
     /// Takes a part, and returns the bytes that come next; none if they have come already or if there is a gap before
-    /// them.
+    /// them. So the bytes taken are at any time a beginning of those written.
     pub fn take(&mut self, offset: u64, bytes: &[u8]) -> Vec<u8> {
         let next = self.taken.checked_sub(offset).and_then(|known| bytes.get(usize::try_from(known).ok()?..));
         let next = next.unwrap_or_default().to_vec();

@@ -193,6 +193,7 @@ impl Registrar {
         for (key, victim) in &offers {
             let mut front = vec![*victim];
             while let Some(at) = front.pop() {
+                // Over a module that died later the holder may be connected itself.
                 let holds = self.deaths.get(&at).is_some_and(|death| key.is_after(death.died));
                 if !holds || !resting(&at) || found.contains_key(&at) {
                     continue;

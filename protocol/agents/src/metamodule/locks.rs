@@ -3,6 +3,10 @@
 //! A metamodule asks all neighbours in range and moves once all have granted. A request is answered at once,
 //! and a denied attempt is given up, so locks cannot deadlock. A grant ends with its lease. The lease of the
 //! holder runs from its request on, so it always ends first, whatever the message delay.
+//!
+//! Two metamodules whose motions meet ask each other, and the one that is asked refuses or gives its own attempt up. That keeps them
+//! apart even if grants are forgotten; a grant that is remembered saves attempts, and protects what a body still does for an
+//! earlier life of its agent.
 
 use super::message::{Denial, Message, Rank};
 use super::motions::Sweep;
