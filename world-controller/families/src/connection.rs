@@ -15,7 +15,7 @@ use serde_json::{Map, Value, json};
 pub const KEY: &str = "connection";
 /// An example of the table.
 const EXAMPLE: &str = "[swarm.connection]\n    compliance_deg_per_nm = 0.8";
-/// The largest value of a key, in its unit: far beyond every mechanism.
+/// The largest value of a key in its unit, millimetres or degrees: far beyond every mechanism.
 const MOST: f64 = 90.0;
 
 /// A key of the table: its name, its description, and the part of the model that it sets, in thousandths of its unit.

@@ -44,6 +44,7 @@ scenarios!(
     "rabbit",
     "slab-to-disc",
     "slab-to-sphere",
+    "soft-joints",
     "stoy",
     "swarm",
     "swarm-200",
