@@ -422,7 +422,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("protocol/agents", &["on_grid", "free_module", "metamodule"]),
     ("sim-bridge/physics", &["hull", "floor", "work", "absent", "rapier", "rapier_tests"]),
     ("sim-bridge/kernel", &["world", "director", "kernel", "testing"]),
-    ("sim-bridge", &["cube", "metamodule", "free_module"]),
+    ("sim-bridge", &["connections", "cube", "metamodule", "free_module"]),
     (
         "module-agent",
         &[

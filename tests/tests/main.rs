@@ -65,6 +65,7 @@ mod schema;
 mod shapes;
 mod sim_conformance;
 mod sim_determinism;
+mod sim_fork;
 mod sim_growth;
 mod sim_metamodules;
 mod slow_links;

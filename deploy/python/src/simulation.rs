@@ -160,6 +160,15 @@ impl Simulation {
         let fault = fault.parse().map_err(PyValueError::new_err)?;
         self.run.inject(fault).map(|at| at.0).map_err(PyValueError::new_err)
     }
+    /// Returns a copy of the run, which goes on independently.
+    fn fork(&self) -> PyResult<Simulation> {
+        if self.setup.is_some() {
+            let why = "runs of protocols in Python have no copy yet; begin the run again, and run it until this time";
+            return Err(PyValueError::new_err(why));
+        }
+        let run = self.run.fork().map_err(|error| PyValueError::new_err(error.to_string()))?;
+        Ok(Simulation { run, events: self.events, over: self.over, setup: None, shown: None })
+    }
     /// Returns the objects of living modules by number; `None` if the protocol is not one in Python.
     fn objects(&self, py: Python<'_>) -> Option<Py<PyDict>> {
         self.setup.as_ref().map(|setup| setup.modules.clone_ref(py))

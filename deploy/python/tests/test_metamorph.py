@@ -80,6 +80,21 @@ def test_what_was_injected_is_repeated_by_the_scenario(name: str) -> None:
     assert [f["fault"] for f in sim.report().faults if f["module"] == 1] == ["kill", "restart"]
 
 
+def test_copies_answer_several_questions_about_one_run() -> None:
+    sim = mm.Simulation(SWARM, seed=1)
+    sim.advance("2s")
+    copies = {module: sim.fork() for module in (7, 30)}
+    for module, copy in copies.items():
+        copy.inject(f"kill {module}")
+        copy.run()
+        assert mm.run(copy.scenario(), seed=1).trace_hash == copy.trace_hash
+    sim.run()
+    assert sim.trace_hash == mm.run(SWARM, seed=1).trace_hash
+    assert len({sim.trace_hash, *(copy.trace_hash for copy in copies.values())}) == 3
+    with pytest.raises(ValueError, match="quadruped|walking"):
+        mm.Simulation("quadruped", seed=1).fork()
+
+
 def test_positions_states_and_messages_are_those_of_the_world() -> None:
     sim = mm.Simulation(SWARM, seed=1)
     before = sim.positions()

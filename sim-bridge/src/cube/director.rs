@@ -35,6 +35,7 @@ use std::sync::Arc;
 const LAST_PATIENCE: u64 = 2;
 
 /// The director of a swarm of cubes.
+#[derive(Clone)]
 pub struct Director {
     setup: Arc<Setup>,
     monitor: RunMonitor<Order>,

@@ -86,6 +86,7 @@ pub struct MetamodulePlan {
 }
 
 /// The director of a swarm of metamodules.
+#[derive(Clone)]
 pub struct MetamoduleDirector {
     setup: Arc<Setup>,
     /// The parameters that a command has changed.

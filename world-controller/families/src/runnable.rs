@@ -12,6 +12,7 @@ use metamorph_scenario::family::SwarmPlan;
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::director::progress::{Progress, Stage};
 use metamorph_sim_bridge::kernel::audited::Audited;
+use metamorph_sim_bridge::kernel::sim::Sim;
 use metamorph_sim_bridge::world::World;
 use metamorph_sim_bridge::world::invariants::Violation;
 use std::sync::Arc;
@@ -39,6 +40,10 @@ pub trait Runnable: SwarmPlan {
     fn time_step(&self) -> Span;
     /// Returns the time between two complete audits in a simulation.
     fn audit_every(&self) -> Span;
+    /// Returns a copy of a run that goes on independently ([`Sim::fork`]); `None` if its parts cannot be copied, which is the default.
+    fn fork(_sim: &Sim<Self::World, Self::Director>) -> Option<Sim<Self::World, Self::Director>> {
+        None
+    }
     /// Returns the progress of the run.
     fn progress(director: &Self::Director) -> Progress;
     /// Returns the result for the report.

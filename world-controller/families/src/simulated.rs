@@ -23,6 +23,7 @@ use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig, Step};
 use metamorph_sim_bridge::world::World;
 use std::sync::Arc;
 use std::time::Duration;
+use thiserror::Error;
 
 /// A callback with the scenario time and the progress of the run; returning false ends the run.
 pub type Watch<'w> = dyn FnMut(Time, &dyn Fn() -> Progress) -> bool + 'w;
@@ -55,12 +56,28 @@ pub fn to_the_end(run: &mut dyn SteppedRun, watch: &mut Watch<'_>) {
     while watch(run.now(), &|| run.progress()) && !run.run_until(run.now() + time_step) {}
 }
 
+/// A function that copies a run, or returns `None`.
+type Fork<W, D> = fn(&Sim<W, D>) -> Option<Sim<W, D>>;
+
+/// How a run reaches its world and director, and how it is copied.
+struct Parts<R: Runnable, W: Audited, D: DirectorPort<W>> {
+    world: fn(&W) -> &R::World,
+    director: fn(&D) -> &R::Director,
+    fork: Fork<W, D>,
+}
+
+impl<R: Runnable, W: Audited, D: DirectorPort<W>> Clone for Parts<R, W, D> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<R: Runnable, W: Audited, D: DirectorPort<W>> Copy for Parts<R, W, D> {}
+
 /// A simulated run of a swarm; `W` and `D` are its world and director, or wrappers of them that record.
 struct Run<R: Runnable, W: Audited, D: DirectorPort<W>> {
     plan: Plan,
     sim: Sim<W, D>,
-    world: fn(&W) -> &R::World,
-    director: fn(&D) -> &R::Director,
+    parts: Parts<R, W, D>,
     machine: Arc<dyn Machine>,
     /// The real time, since the program started, at which the run began.
     begun: Duration,
@@ -87,7 +104,7 @@ pub fn simulation<R: Runnable>(plan: &Plan) -> Sim<R::World, R::Director> {
 impl<R: Runnable> Run<R, R::World, R::Director> {
     fn plain(plan: &Plan, machine: Arc<dyn Machine>) -> Self {
         let sim = simulation::<R>(plan);
-        Run::begin(plan, machine, sim, |w| w, |d| d)
+        Run::begin(plan, machine, sim, Parts { world: |w| w, director: |d| d, fork: R::fork })
     }
 }
 
@@ -97,20 +114,15 @@ impl<R: Runnable> Run<R, RecordedWorld<R::World>, RecordedDirector<R::Director>>
         let world = RecordedWorld::new(swarm.world(plan), log.clone());
         let director = RecordedDirector::new(swarm.director(plan), log.clone());
         let sim = Sim::with_journal(config::<R>(plan), world, director, Some(log));
-        Run::begin(plan, machine, sim, RecordedWorld::inner, RecordedDirector::inner)
+        let parts = Parts { world: RecordedWorld::inner, director: RecordedDirector::inner, fork: |_| None };
+        Run::begin(plan, machine, sim, parts)
     }
 }
 
 impl<R: Runnable, W: Audited, D: DirectorPort<W>> Run<R, W, D> {
-    fn begin(
-        plan: &Plan,
-        machine: Arc<dyn Machine>,
-        sim: Sim<W, D>,
-        world: fn(&W) -> &R::World,
-        director: fn(&D) -> &R::Director,
-    ) -> Self {
+    fn begin(plan: &Plan, machine: Arc<dyn Machine>, sim: Sim<W, D>, parts: Parts<R, W, D>) -> Self {
         let begun = machine.elapsed();
-        Run { plan: plan.clone(), sim, world, director, machine, begun, injected: Time::ZERO }
+        Run { plan: plan.clone(), sim, parts, machine, begun, injected: Time::ZERO }
     }
 
     fn swarm(&self) -> &R {
@@ -118,11 +130,12 @@ impl<R: Runnable, W: Audited, D: DirectorPort<W>> Run<R, W, D> {
     }
     fn progress(&self) -> Progress {
         let messages = Some(self.sim.tally().total().sent);
-        Progress { messages, ..R::progress((self.director)(self.sim.director())) }
+        Progress { messages, ..R::progress((self.parts.director)(self.sim.director())) }
     }
 
     fn account(&self) -> RunResult {
-        self.swarm().account(&self.plan, (self.director)(self.sim.director()), (self.world)(self.sim.world()))
+        let Parts { world, director, .. } = &self.parts;
+        self.swarm().account(&self.plan, director(self.sim.director()), world(self.sim.world()))
     }
 
     fn conclude(&self, search: bool, notes: Vec<String>) -> (Report, RunResult) {
@@ -172,6 +185,19 @@ pub struct ModuleState {
     pub summary: Option<Summary>,
 }
 
+/// Why a run is not copied.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum ForkError {
+    /// It has a journal.
+    #[error(
+        "a run that is recorded has no copy, since two runs cannot continue one journal; begin it without a journal"
+    )]
+    Recorded,
+    /// Its family does not support it.
+    #[error("runs of `{0}` have no copy yet; begin the run again, and run it until this time")]
+    Family(&'static str),
+}
+
 /// A simulated run that is carried out in steps.
 pub trait SteppedRun: Send + Sync {
     /// Carries out the next event of the kernel. Returns false if the run is over.
@@ -186,6 +212,12 @@ pub trait SteppedRun: Send + Sync {
     /// # Errors
     /// Returns why there can be no such fault.
     fn inject(&mut self, fault: Fault) -> Result<Time, String>;
+    /// Returns a copy of the run, which goes on independently: until one of them is given a fault or an input, both take the same
+    /// events and have the same hashes. Not recorded; the copy of a run that is recorded would be a second end of one journal.
+    ///
+    /// # Errors
+    /// If the run is recorded, or its family has parts that cannot be copied: walking bodies, and protocols of one's own.
+    fn fork(&self) -> Result<Box<dyn SteppedRun>, ForkError>;
     /// Returns the number of modules.
     fn modules(&self) -> usize;
     /// Returns the cell of each module's body.
@@ -231,8 +263,8 @@ pub fn begin<R: Runnable<World: World<Agent: Visible>>>(
 impl<R, W, D> SteppedRun for Run<R, W, D>
 where
     R: Runnable<World: World<Agent: Visible>>,
-    W: Audited + World<Agent = AgentOf<R>> + Send + Sync,
-    D: DirectorPort<W> + Send + Sync,
+    W: Audited + World<Agent = AgentOf<R>> + Send + Sync + 'static,
+    D: DirectorPort<W> + Send + Sync + 'static,
 {
     fn step(&mut self) -> bool {
         self.sim.step(Time::NEVER) != Step::Over
@@ -249,6 +281,20 @@ where
         self.sim.input(COMMAND_INPUT, commands.to_string().as_bytes())?;
         self.injected = at;
         Ok(at)
+    }
+    fn fork(&self) -> Result<Box<dyn SteppedRun>, ForkError> {
+        if self.sim.is_recorded() {
+            return Err(ForkError::Recorded);
+        }
+        let sim = (self.parts.fork)(&self.sim).ok_or(ForkError::Family(self.plan.swarm.agent()))?;
+        Ok(Box::new(Run::<R, W, D> {
+            plan: self.plan.clone(),
+            sim,
+            parts: self.parts,
+            machine: Arc::clone(&self.machine),
+            begun: self.begun,
+            injected: self.injected,
+        }))
     }
     fn modules(&self) -> usize {
         self.sim.world().len()

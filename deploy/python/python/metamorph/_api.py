@@ -592,6 +592,17 @@ class Simulation:
 
     _unrepeatable: Optional[str] = None
 
+    def fork(self) -> Simulation:
+        """A copy of the run that goes on by itself: both take the same events until something is injected into one of them.
+
+        So one run answers several questions: run it to the instant that matters, and fork it for each. Runs of walking
+        structures and of protocols in Python have no copy yet; those raise a ``ValueError``.
+        """
+        copy = object.__new__(type(self))
+        copy.__dict__.update(self.__dict__)
+        copy._run = self._run.fork()
+        return copy
+
     def scenario(self) -> Scenario:
         """The scenario with what was injected; simulated with the same seed it has the same trace hash."""
         if self._unrepeatable is not None:

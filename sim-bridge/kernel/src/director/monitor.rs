@@ -12,6 +12,7 @@ use metamorph_core::time::Time;
 use std::collections::VecDeque;
 
 /// The faults, the commands and the end of a run. `O` is the type of orders to agents.
+#[derive(Clone)]
 pub struct RunMonitor<O> {
     /// Injects the faults of the schedule and those that operators command.
     pub faults: FaultInjector,

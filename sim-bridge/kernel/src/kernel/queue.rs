@@ -29,6 +29,7 @@ pub struct Entry<T> {
 }
 
 /// An entry of a heap, numbered because a heap does not keep entries of the same time in order.
+#[derive(Clone)]
 struct Numbered<T> {
     number: u64,
     entry: Entry<T>,
@@ -57,6 +58,7 @@ impl<T> Ord for Numbered<T> {
 }
 
 /// A queue of events.
+#[derive(Clone)]
 pub struct Queue<T> {
     /// Logarithm of the duration of a slot in nanoseconds. Slots are numbered from time zero, blocks as well.
     shift: u32,

@@ -39,6 +39,7 @@ pub struct ReconfigurationRun {
 }
 
 /// The director of free modules.
+#[derive(Clone)]
 pub struct FreeModuleDirector {
     setup: Arc<LatticeSetup>,
     monitor: RunMonitor<LatticeOrder>,

@@ -134,12 +134,23 @@ struct Step {
     done: bool,
 }
 
+/// The space of plans, once there was a plan. Never locked by two: the mutex is for types that are not `Sync`. It is a cache, so
+/// a copy begins without one.
+#[derive(Default)]
+struct PlanSpace(Option<Mutex<Assembly>>);
+
+impl Clone for PlanSpace {
+    fn clone(&self) -> PlanSpace {
+        PlanSpace::default()
+    }
+}
+
 /// The plan of a structure, and how far it is carried out.
+#[derive(Clone)]
 pub(super) struct PlanExecution {
     setup: Arc<LatticeSetup>,
     planner: Planner,
-    /// The space of plans, once there was a plan. Never locked by two: the mutex is for types that are not `Sync`.
-    space: Option<Mutex<Assembly>>,
+    space: PlanSpace,
     stage: Stage,
     epoch: u32,
     steps: Vec<Step>,
@@ -160,7 +171,7 @@ impl PlanExecution {
         PlanExecution {
             setup,
             planner,
-            space: None,
+            space: PlanSpace::default(),
             stage: Stage::Holding { since: Time::ZERO, repeat_at: Time::ZERO },
             epoch: 1,
             steps: Vec::new(),
@@ -337,7 +348,7 @@ impl PlanExecution {
             return self.give_up(now, Shortage::Undecided);
         };
         let planner = &self.planner;
-        let space = self.space.get_or_insert_with(|| Mutex::new(planner.space(start.len())));
+        let space = self.space.0.get_or_insert_with(|| Mutex::new(planner.space(start.len())));
         let space = space.get_mut().unwrap_or_else(PoisonError::into_inner);
         let (planned, work) = planner.plan(space, &start, frozen);
         self.counts.work += work;

@@ -15,6 +15,7 @@ use std::collections::BTreeSet;
 const SUSPECTS_MAX: usize = 8;
 
 /// Foreign objects and elements, as agents know them.
+#[derive(Clone)]
 pub(super) struct Elements {
     /// Cells with a foreign object or an element at rest in them, as announced.
     obstacles: BTreeSet<Cell>,

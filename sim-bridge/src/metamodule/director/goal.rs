@@ -30,6 +30,7 @@ pub enum GoalChange {
 }
 
 /// The present goal and those before it.
+#[derive(Clone)]
 pub(super) struct Goal {
     task: Task,
     filled: SeedSet,

@@ -19,6 +19,7 @@ pub(super) struct Commanded {
 }
 
 /// The last command to each metamodule.
+#[derive(Clone)]
 pub(super) struct Leases {
     /// How much metamodules decide for themselves.
     pub level: Level,

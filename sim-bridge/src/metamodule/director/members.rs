@@ -21,6 +21,7 @@ pub(super) struct Known {
 }
 
 /// All metamodules of the swarm, as reported.
+#[derive(Clone)]
 pub(super) struct Members {
     known: Vec<Known>,
     dead: BTreeSet<ModuleId>,

@@ -8,7 +8,7 @@ use metamorph_protocol::metamodule::planning::cooperative::{SearchResult, WORK, 
 use std::collections::BTreeSet;
 
 /// The places that the goal has been moved to, and what searches have shown of others.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(super) struct Relocation {
     /// True if the director may move the goal.
     pub is_allowed: bool,

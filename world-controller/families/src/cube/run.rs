@@ -13,6 +13,7 @@ use metamorph_sim_bridge::cube::audit::audit_every;
 use metamorph_sim_bridge::cube::director::Director;
 use metamorph_sim_bridge::cube::world::{CubeWorld, MotionCounts};
 use metamorph_sim_bridge::director::progress::Progress;
+use metamorph_sim_bridge::kernel::sim::Sim;
 use metamorph_sim_bridge::world::invariants::Violation;
 use std::sync::Arc;
 
@@ -44,6 +45,9 @@ impl Runnable for Cubes {
     fn director(&self, plan: &Plan) -> Director {
         let (setup, schedule) = (Arc::clone(&self.setup), plan.schedule.clone());
         Director::new(setup, self.cells.len(), schedule, plan.stop, plan.failure, plan.rescue)
+    }
+    fn fork(sim: &Sim<CubeWorld, Director>) -> Option<Sim<CubeWorld, Director>> {
+        sim.fork()
     }
     fn time_step(&self) -> Span {
         self.setup.params.move_time

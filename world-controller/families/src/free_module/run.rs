@@ -15,6 +15,7 @@ use metamorph_scenario::Plan;
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::free_module::reconfiguration::director::{FreeModuleDirector, ReconfigurationRun};
 use metamorph_sim_bridge::free_module::reconfiguration::world::FreeModuleWorld;
+use metamorph_sim_bridge::kernel::sim::Sim;
 use metamorph_sim_bridge::world::World;
 use metamorph_sim_bridge::world::invariants::Violation;
 use std::sync::Arc;
@@ -40,6 +41,11 @@ impl Runnable for FreeModules {
             failure: plan.failure,
         };
         FreeModuleDirector::new(Arc::clone(&self.setup), self.start.len(), course)
+    }
+    fn fork(
+        sim: &Sim<FreeModuleWorld, FreeModuleDirector>,
+    ) -> Option<Sim<FreeModuleWorld, FreeModuleDirector>> {
+        sim.fork()
     }
     fn time_step(&self) -> Span {
         self.setup.turn_time

@@ -16,6 +16,7 @@ use metamorph_report::run_result::RunResult;
 use metamorph_report::schema::MoveReport;
 use metamorph_scenario::Plan;
 use metamorph_sim_bridge::director::progress::Progress;
+use metamorph_sim_bridge::kernel::sim::Sim;
 use metamorph_sim_bridge::metamodule::director::{MetamoduleDirector, MetamodulePlan};
 use metamorph_sim_bridge::metamodule::world::MetamoduleWorld;
 use metamorph_sim_bridge::world::World;
@@ -90,6 +91,11 @@ impl Runnable for Metamodules {
             scenes: SCENES.clone(),
         };
         MetamoduleDirector::new(Arc::clone(&self.setup), self.poses.len(), plan)
+    }
+    fn fork(
+        sim: &Sim<MetamoduleWorld, MetamoduleDirector>,
+    ) -> Option<Sim<MetamoduleWorld, MetamoduleDirector>> {
+        sim.fork()
     }
     fn time_step(&self) -> Span {
         self.setup.params.turn_time

@@ -13,7 +13,7 @@ use metamorph_core::host::AgentHost;
 const MAX_VIOLATIONS: usize = 100;
 
 /// The result of all checks of a run.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(super) struct Findings {
     violations: Vec<Violation>,
     broken: u64,

@@ -18,6 +18,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// A message between an agent and the controller.
+#[derive(Clone)]
 pub(super) enum BodyMessage<A: Agent> {
     Act(Revision, A::Action),
     Report(A::Report),
@@ -40,6 +41,7 @@ impl<A: Agent> BodyMessage<A> {
 }
 
 /// A message that has not been delivered yet.
+#[derive(Clone)]
 pub(super) struct Posted<A: Agent> {
     id: ModuleId,
     /// The incarnation that the message is from or for; it is dropped if that has ended.
@@ -47,6 +49,7 @@ pub(super) struct Posted<A: Agent> {
     message: BodyMessage<A>,
 }
 
+#[derive(Clone)]
 struct Stream {
     rng: Rng,
     last: Time,
@@ -72,6 +75,7 @@ pub struct Crossed {
 pub type Crossings = BTreeMap<(HostId, HostId), Crossed>;
 
 /// The streams between the controller and the other hosts, and the counts of what crosses.
+#[derive(Clone)]
 pub(super) struct HostStreams {
     pub hosts: Arc<Hosts>,
     /// For each host the streams to the controller and from it.
@@ -119,6 +123,7 @@ pub struct ControlCounts {
 }
 
 /// The link of orders and reports, and the streams of each module on it.
+#[derive(Clone)]
 pub(super) struct ControlStreams {
     link: ControllerLink,
     /// For each module the streams to the controller and from it.

@@ -21,6 +21,7 @@ pub(super) enum Process {
 }
 
 /// The state of a module besides its links.
+#[derive(Clone)]
 pub(super) struct Module<A: Agent> {
     pub rng: Rng,
     /// The clock of the module's host.
@@ -102,6 +103,7 @@ pub(super) struct Link {
 }
 
 /// The inputs that wait for a stopped process, in order.
+#[derive(Clone)]
 pub(super) struct Backlog<A: Agent> {
     pub waiting: VecDeque<Waiting<A>>,
     pub messages: usize,
@@ -114,6 +116,7 @@ impl<A: Agent> Default for Backlog<A> {
 }
 
 /// An input to a stopped process.
+#[derive(Clone)]
 pub(super) enum Waiting<A: Agent> {
     Sensed(Sensed<A::Percept>),
     Message(InFlight<A::Message>),
@@ -128,6 +131,7 @@ pub(super) struct Sent<M> {
     pub message: M,
 }
 
+#[derive(Clone)]
 pub(super) struct InFlight<M> {
     pub to: ModuleId,
     pub session: Session,

@@ -1,0 +1,103 @@
+//! Copies of simulated runs: a copy and its origin take the same events, whenever it was made, until one of them is disturbed.
+#![allow(clippy::unwrap_used, reason = "a panic fails the test")]
+
+use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::rng::Rng;
+use metamorph_protocol::time::Time;
+use metamorph_tests::command::scenario;
+use metamorph_world_controller::experiments::explore::draw::draw;
+use metamorph_world_controller::family::{all, begin, begin_shown, read_file};
+use metamorph_world_controller::run::simulated::{ForkError, SteppedRun};
+use metamorph_world_controller::scenario::{LinkKind, Overrides, Plan};
+
+/// Copies of each run.
+const FORKS: u64 = 9;
+/// Drawn scenarios of each family that is drawn.
+const DRAWN: u64 = 60;
+
+fn plan(name: &str) -> Plan {
+    let overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
+    read_file(&scenario(name), &overrides).unwrap()
+}
+
+/// Carries a run out to its end. Returns its hashes and its events.
+fn finish(run: &mut dyn SteppedRun) -> (u64, u64, u64) {
+    let mut events = 0;
+    while run.step() {
+        events += 1;
+    }
+    (run.trace_hash(), run.state_hash(), events)
+}
+
+/// Copies a run at instants drawn from a seed and at its end, and lets every copy run to its end.
+fn copies_end_alike(plan: &Plan, what: &str) {
+    let (trace, states, events) = finish(&mut *begin(plan));
+    let mut random = Rng::named(plan.seed, "forks", 0);
+    let mut at: Vec<u64> = (1..FORKS).map(|_| random.below(events)).chain([events]).collect();
+    at.sort_unstable();
+    let mut origin = begin(plan);
+    let mut done = 0;
+    for at in at {
+        while done < at && origin.step() {
+            done += 1;
+        }
+        let mut copy = origin.fork().unwrap();
+        assert_eq!((copy.now(), copy.trace_hash()), (origin.now(), origin.trace_hash()), "{what} at {at}");
+        let ended = finish(&mut *copy);
+        assert_eq!(ended, (trace, states, events - at), "{what}: the copy after {at} of {events} events");
+    }
+    let (again, at_end, _) = finish(&mut *origin);
+    assert_eq!((again, at_end), (trace, states), "{what}: the origin of the copies");
+}
+
+#[test]
+fn copies_of_shipped_scenarios_end_as_their_origins() {
+    for name in [
+        "swarm.toml",
+        "faults.toml",
+        "a-third-dies.toml",
+        "box.toml",
+        "chair-hardware.toml",
+        "line-to-loop.toml",
+    ] {
+        copies_end_alike(&plan(name), name);
+    }
+}
+
+#[test]
+fn copies_of_drawn_scenarios_end_as_their_origins() {
+    for family in all().iter().copied().filter(|family| family.is_drawn()) {
+        for seed in (0..DRAWN).map(|i| (1 << 41) + 5_000 + i) {
+            copies_end_alike(&draw(seed, Some(family)).1, &format!("{} {seed}", family.name()));
+        }
+    }
+}
+
+/// A copy that is disturbed is the run of the scenario with that fault, and its origin does not notice.
+#[test]
+fn a_fault_in_a_copy_strikes_the_copy_alone() {
+    let plan = plan("swarm.toml");
+    let undisturbed = finish(&mut *begin(&plan));
+    let mut origin = begin(&plan);
+    origin.run_until(Time(2_000_000_000));
+    let mut copies = [origin.fork().unwrap(), origin.fork().unwrap()];
+    for (copy, id) in copies.iter_mut().zip([7, 30]) {
+        copy.inject(format!("kill {id}").parse().unwrap()).unwrap();
+    }
+    let ends = copies.each_mut().map(|copy| finish(&mut **copy));
+    assert_eq!(finish(&mut *origin).0, undisturbed.0);
+    assert!(ends[0].0 != ends[1].0 && ends[0].0 != undisturbed.0);
+    assert!(!copies[0].module(ModuleId(7)).is_alive && copies[0].module(ModuleId(30)).is_alive);
+    let mut again = begin(&plan);
+    again.run_until(Time(2_000_000_000));
+    again.inject("kill 7".parse().unwrap()).unwrap();
+    assert_eq!(finish(&mut *again).0, ends[0].0);
+}
+
+#[test]
+fn runs_that_cannot_be_copied_say_why() {
+    let walking = begin(&plan("quadruped.toml")).fork();
+    assert_eq!(walking.err(), Some(ForkError::Family("walking-module")));
+    let (recorded, _) = begin_shown(&plan("swarm.toml"));
+    assert_eq!(recorded.fork().err(), Some(ForkError::Recorded));
+}
