@@ -25,13 +25,14 @@ fn is_told(ran: &Ran, journal: &str) {
     assert_eq!((ran.code, all.invariants.broken), (Some(0), 0), "{ran:?}");
     let [attempts, misaligned, missed] = connecting(&all, "metamodules");
     assert!(attempts > 10 && misaligned > 0, "{attempts} {misaligned} {missed}");
-    let replayed = run(&["replay", journal, "--agent", "0"]);
-    assert_eq!(replayed.code, Some(0), "{replayed:?}");
-    let told: usize = (0..7)
-        .map(|agent| run(&["replay", journal, "--agent", &agent.to_string()]).out)
-        .map(|history| history.matches("its connector is too far from its target").count())
+    let histories = (0..7).map(|agent: u32| run(&["replay", journal, "--agent", &agent.to_string()]));
+    let told: usize = histories
+        .inspect(|ran| assert_eq!(ran.code, Some(0), "{ran:?}"))
+        .map(|ran| ran.out.matches("its connector is too far from its target").count())
         .sum();
-    assert_eq!(told as u64, misaligned, "of {attempts} attempts");
+    // An attempt may be under way when the run ends, or when its module dies.
+    let told = told as u64;
+    assert!(told <= misaligned && misaligned - told <= 2, "{told} of {misaligned} are told");
 }
 
 #[test]
@@ -43,7 +44,8 @@ fn a_chair_is_built_on_joints_that_yield() {
     is_told(&ran, &journal);
     let all = report(&ran.out);
     let [_, misaligned, missed] = connecting(&all, "metamodules");
-    assert_eq!(all.move_details.failed, misaligned + missed);
+    let (failed, begun) = (all.move_details.failed, misaligned + missed);
+    assert!(failed <= begun && begun - failed <= 2, "{failed} actions have failed, {begun} attempts");
 }
 
 #[test]

@@ -20,18 +20,27 @@ fn plan(name: &str) -> Plan {
     read_file(&scenario(name), &overrides).unwrap()
 }
 
-/// Carries a run out to its end. Returns its hashes and its events.
-fn finish(run: &mut dyn SteppedRun) -> (u64, u64, u64) {
+/// Carries a run out to its end. Returns its hashes, its events and what it has counted.
+fn finish(run: &mut dyn SteppedRun) -> (u64, u64, u64, String) {
     let mut events = 0;
     while run.step() {
         events += 1;
     }
-    (run.trace_hash(), run.state_hash(), events)
+    let (report, _) = run.conclude(false, Vec::new());
+    let counted = format!(
+        "{:?} {:?} {:?} {:?} {:?}",
+        run.tally(),
+        report.outcome,
+        report.move_details,
+        report.family_parts,
+        report.standstills
+    );
+    (run.trace_hash(), run.state_hash(), events, counted)
 }
 
 /// Copies a run at instants drawn from a seed and at its end, and lets every copy run to its end.
 fn copies_end_alike(plan: &Plan, what: &str) {
-    let (trace, states, events) = finish(&mut *begin(plan));
+    let (trace, states, events, counted) = finish(&mut *begin(plan));
     let mut random = Rng::named(plan.seed, "forks", 0);
     let mut at: Vec<u64> = (1..FORKS).map(|_| random.below(events)).chain([events]).collect();
     at.sort_unstable();
@@ -43,10 +52,13 @@ fn copies_end_alike(plan: &Plan, what: &str) {
         }
         let mut copy = origin.fork().unwrap();
         assert_eq!((copy.now(), copy.trace_hash()), (origin.now(), origin.trace_hash()), "{what} at {at}");
-        let ended = finish(&mut *copy);
-        assert_eq!(ended, (trace, states, events - at), "{what}: the copy after {at} of {events} events");
+        let mut second = copy.fork().unwrap();
+        let (ended, again) = (finish(&mut *copy), finish(&mut *second));
+        let expected = (trace, states, events - at, counted.clone());
+        assert_eq!(ended, expected, "{what}: the copy after {at} of {events} events");
+        assert_eq!(again, expected, "{what}: a copy of that copy");
     }
-    let (again, at_end, _) = finish(&mut *origin);
+    let (again, at_end, ..) = finish(&mut *origin);
     assert_eq!((again, at_end), (trace, states), "{what}: the origin of the copies");
 }
 

@@ -151,9 +151,9 @@ impl Cube {
             return;
         }
         let id = RequestId { origin: mover, token, number: CARRY };
-        if self.consider(now, id, Span(u64::MAX), (None, true), Ask::Reserve(face)).is_ok() {
+        let is_granted = self.consider(now, id, Span(u64::MAX), (None, true), Ask::Reserve(face)).is_ok();
+        if is_granted && self.locks.granted_beyond(id, 0) {
             hit(CoveragePoint::CubeCarries);
-            self.locks.granted_beyond(id, 0);
         }
     }
 

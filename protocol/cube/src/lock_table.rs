@@ -88,6 +88,7 @@ impl LockTable {
     }
     /// Drops the lock of a request that was denied further on. Returns false if the rest of the route has granted it since:
     /// then the module that asked may move already, and the lock stays.
+    #[must_use]
     pub fn withdraw(&mut self, id: RequestId) -> bool {
         let is_granted = self.find(id).is_some_and(|lock| lock.beyond.is_some());
         if !is_granted {
@@ -97,6 +98,7 @@ impl LockTable {
     }
     /// Notes that the rest of a request's route has granted it, and the co-owners that the last module named. Returns false if
     /// this module has no lock of the request any more.
+    #[must_use]
     pub fn granted_beyond(&mut self, id: RequestId, co_owners: u8) -> bool {
         let lock = self.locks.iter_mut().find(|l| l.id == id);
         lock.map(|lock| lock.beyond = Some(co_owners)).is_some()

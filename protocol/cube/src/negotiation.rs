@@ -171,11 +171,18 @@ impl Cube {
                 hit(denial.coverage_point());
                 self.answer(from, id, hop - 1, Some(denial), blocker, 0, route);
             }
-            (Ok(()), Some(next)) if self.sides.is_certified_dead(next) => {
-                // The last module of the route is dead: it needs no lock, and keeps no cell free.
+            // The last module of the route is dead: it needs no lock, and keeps no cell free.
+            (Ok(()), Some(next))
+                if is_last && self.sides.is_certified_dead(next) && self.locks.granted_beyond(id, 0) =>
+            {
                 hit(CoveragePoint::CubeLandsOnDead);
-                self.locks.granted_beyond(id, 0);
                 self.answer(from, id, hop - 1, None, None, 0, route);
+            }
+            // It has died since this module gave its lock. Those behind it are not asked, or cannot answer.
+            (Ok(()), Some(next)) if self.sides.is_certified_dead(next) => {
+                if self.locks.withdraw(id) {
+                    self.answer(from, id, hop - 1, Some(Denial::NoSupport), None, 0, route);
+                }
             }
             // It is repeated from here, when that is due.
             (Ok(()), Some(_)) if self.relays.is_open(id) => {}
@@ -410,7 +417,10 @@ impl Cube {
         for message in self.relays.take_cut_off(|face| self.sides.is_touching(face)) {
             let Message::Request { id, hop, route, .. } = message else { continue };
             hit(CoveragePoint::CubeRelayCutOff);
-            self.locks.withdraw(id);
+            // Those that all others have granted are not open any more.
+            if !self.locks.withdraw(id) {
+                continue;
+            }
             let before = usize::from(hop) - 2;
             if let Some(back) = route.hop(before).map(Face::opposite) {
                 self.answer(back, id, before as u8, Some(Denial::NoSupport), None, 0, route);

@@ -65,6 +65,7 @@ impl Relays {
 #[cfg(test)]
 mod tests {
     use crate::Cube;
+    use crate::control::Order;
     use crate::message::{Ask, Beacon, Denial, Message, RequestId};
     use crate::params::{Params, Setup};
     use crate::route::Route;
@@ -81,6 +82,11 @@ mod tests {
     /// Returns a module between a mover in the west and another module in the east, which has passed on a request of the mover;
     /// and that request as the mover sent it.
     fn relaying(now: Time) -> (Cube, Message) {
+        relaying_along(now, &[Face::East, Face::East])
+    }
+
+    /// The same with a route of more hops.
+    fn relaying_along(now: Time, hops: &[Face]) -> (Cube, Message) {
         let seed = Cell::new(9, 0, 0);
         let setup = Setup {
             params: Params::scaled(Span::secs(1), Span::millis(100), 100),
@@ -94,7 +100,7 @@ mod tests {
         }
         cube.sent();
         let id = RequestId { origin: ModuleId(1), token: Token(1), number: 0 };
-        let route = Route::new(&[Face::East, Face::East]).unwrap();
+        let route = Route::new(hops).unwrap();
         let request = Message::Request { id, age: Span::ZERO, hop: 1, ask: Ask::Lock, route };
         cube.handle(now, Input::Message { port: MOVER, message: request });
         assert!(matches!(cube.sent()[..], [(NEXT, Message::Request { hop: 2, .. })]));
@@ -148,6 +154,26 @@ mod tests {
         let busy = Some(Denial::Busy);
         assert_eq!(answered([busy, None]), ([Vec::from([false]), Vec::new()], 0));
         assert_eq!(answered([None, busy]), ([Vec::from([true]), Vec::new()], 1));
+    }
+
+    /// A module that dies in the middle of a route has not passed the request on for sure. One at its end stays anyway.
+    #[test]
+    fn requests_over_a_module_that_has_died_are_denied() {
+        let answers = |hops: &[Face]| {
+            let (mut cube, request) = relaying_along(Time::ZERO, hops);
+            let (port, session, died) = (NEXT, Session(1), Time(1));
+            let condemn = Order::Condemn { port, session, epoch: cube.epoch(), finalized: false, died };
+            cube.handle(Time(2), Input::Order(condemn));
+            cube.sent();
+            cube.handle(Time(3), Input::Message { port: MOVER, message: request });
+            let denial = cube.sent().into_iter().find_map(|(port, message)| match message {
+                Message::Response { denial, .. } if port == MOVER => Some(denial),
+                _ => None,
+            });
+            (denial, cube.locks.len())
+        };
+        assert_eq!(answers(&[Face::East; 3]), (Some(Some(Denial::NoSupport)), 0));
+        assert_eq!(answers(&[Face::East; 2]), (Some(None), 1));
     }
 
     /// If the next module leaves before it has answered, the mover hears so at once.

@@ -34,7 +34,8 @@ pub(super) struct Sides {
     /// Neighbours that are certified dead.
     certified_dead: u8,
     sessions: [Option<Session>; 6],
-    /// When each neighbour was last heard or, if it has not been heard in this session, when the session began.
+    /// When each neighbour was last heard or, if it has not been heard in this session, when the session began; zero if that
+    /// followed another session at once.
     heard_at: [Time; 6],
     /// The first instant at which a live neighbour has been silent for too long.
     silent_at: Time,
@@ -150,12 +151,15 @@ impl Sides {
         Face::in_mask(unheard).any(|f| now.since(self.heard_at[f.index()]) > patience)
     }
 
-    /// Begins a session, or ends it if `session` is `None`; forgets everything about the previous neighbour.
+    /// Begins a session, or ends it if `session` is `None`; forgets everything about the previous neighbour. A session that follows
+    /// another one at once is with a neighbour that has restarted. It counts as one that has been unheard for long, since
+    /// others may slide from its body ([`Sides::any_unheard_for`]).
     pub fn begin(&mut self, now: Time, face: Face, session: Option<Session>) {
         let i = face.index();
+        let is_restarted = self.sessions[i].is_some() && session.is_some();
         self.sessions[i] = session;
         self.peers[i] = None;
-        self.heard_at[i] = now;
+        self.heard_at[i] = if is_restarted { Time::ZERO } else { now };
         self.died_final[i] = None;
         self.certified_dead &= !face.bit();
         let m = &mut self.masks;

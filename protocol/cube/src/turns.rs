@@ -190,8 +190,10 @@ impl Cube {
         let motion = |kind, support: Face| Motion { kind, support, heading: support.perpendicular()[0] };
         let slides = Face::in_mask(self.sides.certified_mask()).map(|f| motion(MotionKind::Slide, f));
         let mut motions = slides.chain([motion(MotionKind::Convex, Face::Down)]);
+        let holds_stranger = self.own.role != Role::Walker && self.sides.any_unheard();
         self.moving.is_some()
-            || self.sides.any_unheard()
+            || holds_stranger
+            || self.waits_for_stranger(now)
             || motions.all(|motion| self.turn(now, motion).from >= until)
     }
 }
@@ -213,6 +215,7 @@ mod tests {
     use super::*;
     use crate::custody::tests::{Bench, DEAD, NEARER, PARENT};
     use crate::message::Rank;
+    use crate::sides::Sides;
     use metamorph_core::agent::Input;
     use metamorph_core::ids::{Port, Session};
 
@@ -302,6 +305,24 @@ mod tests {
         bench.hand_in(Input::Contact { port: Port(DEAD as u8), session: Some(session) });
         bench.speaks(DEAD, rank, |_| {});
         assert!(!bench.cube.may_be_landed_on(bench.now), "it has listened, and is alive");
+        // One that has died again before it was heard.
+        let bench = Bench::new(None);
+        let died = bench.cube.forest.custody().died(DEAD).unwrap();
+        assert!(bench.cube.may_be_landed_on(died + MOVE));
+        assert!(!bench.cube.may_be_landed_on(died + MOVE + Span(1)), "slides from before have ended");
+    }
+
+    /// A walker that has not heard a restarted neighbour waits for its words without patience: another may come from there.
+    #[test]
+    fn contacts_that_follow_others_at_once_are_unheard_for_long() {
+        let (mut sides, now) = (Sides::new(), Time::ZERO + MOVE * 100);
+        let mut begin = |session: Option<u32>| {
+            sides.begin(now, NEARER, session.map(Session));
+            sides.any_unheard_for(now, MOVE)
+        };
+        assert!(!begin(Some(1)), "it has just come");
+        assert!(begin(Some(2)), "it has restarted");
+        assert!(!begin(None) && !begin(Some(3)), "another has come");
     }
 
     /// A module that was stopped takes beacons from its inbox that a dead neighbour sent long ago.

@@ -5,7 +5,7 @@
 //! result (thesis 2.2.2), so the compliance of the joints is a parameter, zero by default.
 //!
 //! A deviation is rounded to micrometres and thousandths of a degree, and everything that is drawn is an integer, so
-//! that verdicts do not depend on the last bits of floating-point numbers.
+//! that the last bits of floating-point numbers hardly ever decide. Noise adds to the deviation by bending, which is the worst direction.
 
 use super::chain::{Chain, Pose, rotation_vector};
 use super::torque::{Load, torques};

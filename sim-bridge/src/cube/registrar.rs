@@ -147,18 +147,18 @@ impl Registrar {
                     continue;
                 };
                 let of_peer = holder(&self.news, epoch, contact, death.died).map(|status| status.confirmed);
-                // Its path was confirmed since: it lets go only for what is certain since then, too.
+                // A module lets go for a finalized holder only as of a time at which its own path was not confirmed later. Nothing
+                // has changed since that was certain, so it is certain now.
+                let offer = if best.is_apart && self.sure.is_some() { best.as_of(now) } else { best };
                 let is_old =
                     |offer: &Offer| offer.is_apart && of_peer.is_some_and(|at| at > offer.key.confirmed.0);
-                let is_certain = self.sure.is_some() && of_peer.is_none_or(|at| at < now);
-                let best = if is_old(&best) && is_certain { best.as_of(now) } else { best };
                 // A module that does not hold the dead one needs no better holder, unless that makes the dead one a root.
                 let needs = || !best.is_loose || of_peer.is_some();
-                let is_better = |told: &Offer| (best < *told && needs()) || (is_old(told) && !is_old(&best));
+                let is_better = |told: &Offer| (best < *told && needs()) || (is_old(told) && !is_old(&offer));
                 if death.informed.get(&session).is_none_or(is_better) {
-                    death.informed.insert(session, best);
+                    death.informed.insert(session, offer);
                     let (dead, died) = (world.cell(*victim), death.died);
-                    let of = CustodyAnnouncement { dead, died, epoch, holder: best.key };
+                    let of = CustodyAnnouncement { dead, died, epoch, holder: offer.key };
                     commands.push_back(Command::Order(peer, Order::Custody(of)));
                 }
             }

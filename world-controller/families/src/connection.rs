@@ -18,6 +18,9 @@ const EXAMPLE: &str = "[swarm.connection]\n    compliance_deg_per_nm = 0.8";
 /// The largest value of a key in its unit, millimetres or degrees: far beyond every mechanism.
 const MOST: f64 = 90.0;
 
+/// The key of what bodies without weight do not have.
+const COMPLIANCE: &str = "compliance_deg_per_nm";
+
 /// A key of the table: its name, its description, and the part of the model that it sets, in thousandths of its unit.
 struct Key {
     name: &'static str,
@@ -52,7 +55,7 @@ const KEYS: [Key; 6] = [
         part: |model| &mut model.twist_noise_mdeg,
     },
     Key {
-        name: "compliance_deg_per_nm",
+        name: COMPLIANCE,
         said: "How far a joint yields to the weight that it holds; metamodules only.",
         part: |model| &mut model.compliance_mdeg,
     },
@@ -80,7 +83,7 @@ impl RawConnection {
                 continue;
             }
             *(key.part)(&mut model) = (value * 1000.0).round() as u32;
-            if model.compliance_mdeg > 0 {
+            if key.name == COMPLIANCE && model.compliance_mdeg > 0 {
                 compliance = Some(written.span().into());
             }
         }
@@ -134,7 +137,7 @@ pub fn describe(model: &ConnectionModel) -> String {
 /// Attempts to close a connector.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ConnectionReport {
-    /// Attempts.
+    /// Attempts; of two sides that close together the one that begins.
     pub attempts: u64,
     /// Those that failed since the connector was too far from its target.
     pub misaligned: u64,

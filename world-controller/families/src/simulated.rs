@@ -213,7 +213,7 @@ pub trait SteppedRun: Send + Sync {
     /// Returns why there can be no such fault.
     fn inject(&mut self, fault: Fault) -> Result<Time, String>;
     /// Returns a copy of the run, which goes on independently: until one of them is given a fault or an input, both take the same
-    /// events and have the same hashes. Not recorded; the copy of a run that is recorded would be a second end of one journal.
+    /// events and have the same hashes. Its real time counts from the beginning of the origin. Not recorded; the copy of a run that is recorded would be a second end of one journal.
     ///
     /// # Errors
     /// If the run is recorded, or its family has parts that cannot be copied: walking bodies, and protocols of one's own.

@@ -292,6 +292,23 @@ impl FreeModuleWorld {
         })
     }
 
+    /// Decides how a connector closes. Both sides of a connection are as far from each other, so the first one decides whether they
+    /// meet, and each may miss.
+    fn draw_connection(&mut self, site: Site) -> ActionEnd {
+        let Some(partner) = self.state.partner(site) else {
+            return ActionEnd::of(self.queue.draw_failure());
+        };
+        let attaches = LatticeBodyAction::Attach(partner.1 as u8);
+        let under_way = self.bodies[partner.0].under_way.as_ref();
+        let theirs = under_way.filter(|under_way| under_way.action.body_action == attaches).map(|u| u.end);
+        match theirs {
+            Some(ActionEnd::Misaligned) => ActionEnd::Misaligned,
+            Some(ActionEnd::Done | ActionEnd::Failed) => ActionEnd::of(self.queue.draw_failure()),
+            None if self.is_closed(partner) => ActionEnd::of(self.queue.draw_failure()),
+            None => self.connections.attempt(&mut self.queue, |_| Misalignment::default()),
+        }
+    }
+
     fn turn(&self, module: usize, joint: usize, positive: bool) -> Result<Turn, LatticeRefusal> {
         let bound = self.bound();
         let moving = bound.moving_side(module, joint).ok_or(LatticeRefusal::Impossible)?;
@@ -446,10 +463,10 @@ impl World for FreeModuleWorld {
         };
         let (takes, end) = match action.body_action {
             LatticeBodyAction::Turn { .. } => (self.setup.turn_time, ActionEnd::of(stuck)),
-            LatticeBodyAction::Attach(_) => {
-                let end = self.connections.attempt(&mut self.queue, |_| Misalignment::default());
-                (self.setup.connect_time, end)
-            }
+            LatticeBodyAction::Attach(connector) => (
+                self.setup.connect_time,
+                self.draw_connection((id.index(), Connector::ALL[usize::from(connector)])),
+            ),
             LatticeBodyAction::Detach(_) => (self.setup.connect_time, ActionEnd::Done),
         };
         self.counts.started += 1;
