@@ -108,7 +108,7 @@ known_defects! {
     finds_cells_kept_twice: CUBE, ReserveTwice, 400;
     finds_forgotten_children: CUBE, DropSilentChildren, 400, from 128;
     finds_unacknowledged_parents: CUBE, AdoptUnacknowledged, 400;
-    finds_restarts_without_listening: CUBE, NoListening, 400, from 1_370;
+    finds_restarts_without_listening: CUBE, NoListening, 400, from 5_901;
     finds_ignored_strangers: CUBE, IgnoreStrangers, 400;
     finds_shallow_searches: CUBE, ShallowSearch, 400, from 75;
     finds_stale_distances: CUBE, AcceptStaleValues, 400, from 401;

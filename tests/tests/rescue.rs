@@ -31,8 +31,8 @@ crash = { fraction = "35%", between = "0s..20s" }
 timeout = "3000s"
 "#;
 
-/// Seeds of that swarm: in two of them the controller calls modules, in another it leads them.
-const HELPED: [u64; 4] = [20, 21, 22, 23];
+/// Seeds of that swarm: in three of them the controller calls modules, in the second one it leads them.
+const HELPED: [u64; 4] = [9, 10, 12, 13];
 
 fn run_at(level: Rescue, seed: u64, journal: &Path) -> Report {
     let settings = vec![Setting { option: "--rescue", text: format!("controller.rescue={level}") }];
