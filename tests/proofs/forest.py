@@ -17,7 +17,7 @@ module of the same cluster, if the dead modules in between died before that conf
 finalized module that touches the cluster, with a time at which the cluster was certainly connected. A
 module lets go of a dead neighbour for a holder that was confirmed later than itself, or for any if it has
 announced nothing. A restarted module lets go of none. A dead neighbour that touches a finalized module is
-*fixed*: nobody holds it, and it serves as a parent. One that hangs together with a finalized module over
+*fixed*: no module holds it, and it serves as a parent. One that hangs together with a finalized module over
 other dead ones serves as a parent as of a time.
 
 Beacons and announcements are facts: what was sent can be heard at any later time, any number of times, or
@@ -34,10 +34,10 @@ Labels are unbounded.
 
 *Shown.* Every module of the body that is not finalized touches a finalized one, or its anchor stays,
 touches it, and touches a finalized one or has the better true rank. Since ranks are a strict order and
-modules are finitely many, whoever goes from anchor to anchor comes to a finalized module; that last step is
+modules are finitely many, a path from anchor to anchor comes to a finalized module; that last step is
 not part of the model.
 
-*Assumed.* Whoever leaves is gone, and another module may come: the geometry of moves is left out. Walkers
+*Assumed.* A module that leaves is gone, and another module may come: the geometry of moves is left out. Walkers
 are no part of the body, and do not die; that what carries them stays is shown in `leases.py`. Finalized
 modules remember that they are, after a restart, too (the code has `View::final_hops` for that), and are
 connected with each other. A time of confirmation is never later than the controller's clock. A restart and
@@ -54,7 +54,7 @@ HELD, RANKED, SURE = 0, 1, 2
 """Kinds of true ranks with one time, from the worst to the best: a dead module counts on an announced
 holder; it is as when it lived; it hangs together with a finalized module over dead ones."""
 
-ROOTED = "whoever hangs, hangs on a better one"
+ROOTED = "each hangs on a better one"
 HOLDS = "holders do not hang on the dead"
 LET_GO = "who has let go is no anchor"
 
@@ -800,7 +800,7 @@ def build(defect: str | None = None) -> Model:
     def _(s, p, x):
         return implies(s.announced(p, x), s.announced_at(p, x) <= s.root(p))
 
-    @m.invariant("the restarted let go of nobody", "Module Module")
+    @m.invariant("the restarted let go of none", "Module Module")
     def _(s, p, x):
         return implies(s.let_go(p, x), no(s.restarted(p)))
 
@@ -984,7 +984,7 @@ PART = Part(
         "ForgetSaid": [("leave", ROOTED)],
         "LetGoOldDeath": [("let_go_of", LET_GO)],
         "ClusterOrder": [("let_go_of", LET_GO)],
-        "BelieveAfterRestart": [("let_go_of", "the restarted let go of nobody")],
+        "BelieveAfterRestart": [("let_go_of", "the restarted let go of none")],
         "FinalFirst": [("let_go_of", LET_GO)],
     },
 )

@@ -536,7 +536,7 @@ def build(defect: str | None = None) -> Model:
     def _(s, a, r):
         return implies(all_of(s.launched(a), active(s, a), s.of(r) == a), any_of(s.by_turn(a), s.heard(r)))
 
-    @m.invariant("who moves has promised nobody", "Attempt Request")
+    @m.invariant("who moves has promised none", "Attempt Request")
     def _(s, a, r):
         is_off = all_of(s.launched(a), lasts(s, a), lasts(s, s.of(r)))
         return implies(is_off, no(s.answered(r, s.origin(a))))
@@ -636,7 +636,7 @@ PART = Part(
     refusals={
         "ShortLease": [("take_lock", "a lease ends after the latest move")],
         "NoDeadline": [("begin", "a motion ends within its leases")],
-        "IgnoreLocks": [("launch", "who moves has promised nobody")],
+        "IgnoreLocks": [("launch", "who moves has promised none")],
         "ReserveTwice": [("take_lock", "one reservation a cell")],
         "NoListening": [("take_lock", "one promise a cell")],
         "IgnoreSkew": [("ask", "deadlines leave time for the move")],

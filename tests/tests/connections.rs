@@ -57,7 +57,7 @@ fn processes_hear_why_a_connector_has_not_closed() {
     is_told(&run_processes(&args), &journal);
 }
 
-/// Joints that yield too far close no connector, and nobody is told that they do.
+/// Joints that yield too far close no connector, so that the swarm builds nothing.
 #[test]
 fn a_swarm_on_soft_joints_stands_still() {
     let file = scenario("soft-joints.toml").display().to_string();

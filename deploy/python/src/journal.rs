@@ -98,10 +98,7 @@ impl Journal {
             let (name, module, text) = match event {
                 Event::Motion(_) => return None,
                 Event::Does(id, _, to) => ("moves", Some(*id), to.clone()),
-                Event::Failed(id) => ("failed", Some(*id), String::new()),
-                Event::Misaligned(id) => {
-                    ("failed", Some(*id), "its connector is too far from its target".to_owned())
-                }
+                Event::Failed(id, why) => ("failed", Some(*id), (*why).to_owned()),
                 Event::Refused(id) => ("refused", Some(*id), String::new()),
                 Event::Tells(id, view) => {
                     let role = roles.get(usize::from(view.role)).map_or("", |role| role.name);

@@ -10,7 +10,7 @@ use metamorph_world_controller::console::stopwatch::Stopwatch;
 use metamorph_world_controller::family;
 use metamorph_world_controller::record::journal::JournalSession;
 use metamorph_world_controller::run::PageChannels;
-use metamorph_world_controller::run::simulated::{self, SteppedRun};
+use metamorph_world_controller::run::simulated::{self, ForkError, SteppedRun};
 use metamorph_world_controller::view::request::{Command, Kind, Origin};
 use metamorph_world_controller::view::saved::Subject;
 use metamorph_world_controller::view::scene_builder::Shared;
@@ -162,11 +162,10 @@ impl Simulation {
     }
     /// Returns a copy of the run, which goes on independently.
     fn fork(&self) -> PyResult<Simulation> {
-        if self.setup.is_some() {
-            let why = "runs of protocols in Python have no copy yet; begin the run again, and run it until this time";
-            return Err(PyValueError::new_err(why));
-        }
-        let run = self.run.fork().map_err(|error| PyValueError::new_err(error.to_string()))?;
+        // Those are recorded for pictures, which is not the reason.
+        let is_in_python = self.setup.is_some();
+        let run = if is_in_python { Err(ForkError::Family("a protocol in Python")) } else { self.run.fork() };
+        let run = run.map_err(|error| PyValueError::new_err(error.to_string()))?;
         Ok(Simulation { run, events: self.events, over: self.over, setup: None, shown: None })
     }
     /// Returns the objects of living modules by number; `None` if the protocol is not one in Python.

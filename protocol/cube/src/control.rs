@@ -101,8 +101,7 @@ impl CustodyKey {
     /// in between restarts, it holds the dead module no more.
     pub fn order_for(&self, dead: Cell) -> (bool, Reverse<Time>, CustodyKey) {
         let touches = self.cell.manhattan(dead) == 1;
-        let time = if !self.is_loose && touches { Reverse(Time::NEVER) } else { self.confirmed };
-        (self.is_loose || !touches, time, *self)
+        (self.is_loose || !touches, self.confirmed, *self)
     }
     /// Returns true if the holder does not hang on a module that died at `died`, by its announcement.
     pub fn is_after(&self, died: Time) -> bool {

@@ -544,7 +544,7 @@ impl Cube {
 
     /// Checks whether a module in reserve may leave the body, as far as it knows: it is attached, or at the end of a
     /// branch, no other module holds a lock on it, and no neighbour hangs on it. Walkers grant no locks, and a module that grants
-    /// one gives up its own attempt: so whoever moves has promised nobody to stay, and it is enough to look at the locks at launch.
+    /// one gives up its own attempt: so a module that moves has promised no other to stay, and it is enough to look at the locks at launch.
     fn may_leave(&self, now: Time) -> Result<(), Held> {
         let v = self.view(now);
         let is_free = self.forest.is_attached(v) || self.forest.is_end(v);

@@ -171,18 +171,15 @@ impl Cube {
                 hit(denial.coverage_point());
                 self.answer(from, id, hop - 1, Some(denial), blocker, 0, route);
             }
-            // The last module of the route is dead: it needs no lock, and keeps no cell free.
-            (Ok(()), Some(next))
-                if is_last && self.sides.is_certified_dead(next) && self.locks.granted_beyond(id, 0) =>
-            {
-                hit(CoveragePoint::CubeLandsOnDead);
-                self.answer(from, id, hop - 1, None, None, 0, route);
-            }
-            // It has died since this module gave its lock. Those behind it are not asked, or cannot answer.
             (Ok(()), Some(next)) if self.sides.is_certified_dead(next) => {
-                if self.locks.withdraw(id) {
-                    self.answer(from, id, hop - 1, Some(Denial::NoSupport), None, 0, route);
+                // The last module of a route needs no lock if it is dead, and keeps no cell free. Another one has died since
+                // this module gave its lock: those behind it are not asked, or cannot answer.
+                let stays = if is_last { self.locks.granted_beyond(id, 0) } else { !self.locks.withdraw(id) };
+                if stays {
+                    hit(CoveragePoint::CubeLandsOnDead);
                 }
+                let denial = (!stays).then_some(Denial::NoSupport);
+                self.answer(from, id, hop - 1, denial, None, 0, route);
             }
             // It is repeated from here, when that is due.
             (Ok(()), Some(_)) if self.relays.is_open(id) => {}

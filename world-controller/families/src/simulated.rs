@@ -59,25 +59,14 @@ pub fn to_the_end(run: &mut dyn SteppedRun, watch: &mut Watch<'_>) {
 /// A function that copies a run, or returns `None`.
 type Fork<W, D> = fn(&Sim<W, D>) -> Option<Sim<W, D>>;
 
-/// How a run reaches its world and director, and how it is copied.
-struct Parts<R: Runnable, W: Audited, D: DirectorPort<W>> {
-    world: fn(&W) -> &R::World,
-    director: fn(&D) -> &R::Director,
-    fork: Fork<W, D>,
-}
-
-impl<R: Runnable, W: Audited, D: DirectorPort<W>> Clone for Parts<R, W, D> {
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-impl<R: Runnable, W: Audited, D: DirectorPort<W>> Copy for Parts<R, W, D> {}
-
 /// A simulated run of a swarm; `W` and `D` are its world and director, or wrappers of them that record.
 struct Run<R: Runnable, W: Audited, D: DirectorPort<W>> {
     plan: Plan,
     sim: Sim<W, D>,
-    parts: Parts<R, W, D>,
+    world: fn(&W) -> &R::World,
+    director: fn(&D) -> &R::Director,
+    /// `None` if the run is recorded.
+    fork: Option<Fork<W, D>>,
     machine: Arc<dyn Machine>,
     /// The real time, since the program started, at which the run began.
     begun: Duration,
@@ -104,7 +93,7 @@ pub fn simulation<R: Runnable>(plan: &Plan) -> Sim<R::World, R::Director> {
 impl<R: Runnable> Run<R, R::World, R::Director> {
     fn plain(plan: &Plan, machine: Arc<dyn Machine>) -> Self {
         let sim = simulation::<R>(plan);
-        Run::begin(plan, machine, sim, Parts { world: |w| w, director: |d| d, fork: R::fork })
+        Run::begin(plan, machine, sim, |w| w, |d| d, Some(R::fork))
     }
 }
 
@@ -114,15 +103,21 @@ impl<R: Runnable> Run<R, RecordedWorld<R::World>, RecordedDirector<R::Director>>
         let world = RecordedWorld::new(swarm.world(plan), log.clone());
         let director = RecordedDirector::new(swarm.director(plan), log.clone());
         let sim = Sim::with_journal(config::<R>(plan), world, director, Some(log));
-        let parts = Parts { world: RecordedWorld::inner, director: RecordedDirector::inner, fork: |_| None };
-        Run::begin(plan, machine, sim, parts)
+        Run::begin(plan, machine, sim, RecordedWorld::inner, RecordedDirector::inner, None)
     }
 }
 
 impl<R: Runnable, W: Audited, D: DirectorPort<W>> Run<R, W, D> {
-    fn begin(plan: &Plan, machine: Arc<dyn Machine>, sim: Sim<W, D>, parts: Parts<R, W, D>) -> Self {
+    fn begin(
+        plan: &Plan,
+        machine: Arc<dyn Machine>,
+        sim: Sim<W, D>,
+        world: fn(&W) -> &R::World,
+        director: fn(&D) -> &R::Director,
+        fork: Option<Fork<W, D>>,
+    ) -> Self {
         let begun = machine.elapsed();
-        Run { plan: plan.clone(), sim, parts, machine, begun, injected: Time::ZERO }
+        Run { plan: plan.clone(), sim, world, director, fork, machine, begun, injected: Time::ZERO }
     }
 
     fn swarm(&self) -> &R {
@@ -130,12 +125,11 @@ impl<R: Runnable, W: Audited, D: DirectorPort<W>> Run<R, W, D> {
     }
     fn progress(&self) -> Progress {
         let messages = Some(self.sim.tally().total().sent);
-        Progress { messages, ..R::progress((self.parts.director)(self.sim.director())) }
+        Progress { messages, ..R::progress((self.director)(self.sim.director())) }
     }
 
     fn account(&self) -> RunResult {
-        let Parts { world, director, .. } = &self.parts;
-        self.swarm().account(&self.plan, director(self.sim.director()), world(self.sim.world()))
+        self.swarm().account(&self.plan, (self.director)(self.sim.director()), (self.world)(self.sim.world()))
     }
 
     fn conclude(&self, search: bool, notes: Vec<String>) -> (Report, RunResult) {
@@ -213,7 +207,7 @@ pub trait SteppedRun: Send + Sync {
     /// Returns why there can be no such fault.
     fn inject(&mut self, fault: Fault) -> Result<Time, String>;
     /// Returns a copy of the run, which goes on independently: until one of them is given a fault or an input, both take the same
-    /// events and have the same hashes. Its real time counts from the beginning of the origin. Not recorded; the copy of a run that is recorded would be a second end of one journal.
+    /// events and have the same hashes. Its real time counts from the beginning of the origin.
     ///
     /// # Errors
     /// If the run is recorded, or its family has parts that cannot be copied: walking bodies, and protocols of one's own.
@@ -283,17 +277,13 @@ where
         Ok(at)
     }
     fn fork(&self) -> Result<Box<dyn SteppedRun>, ForkError> {
-        if self.sim.is_recorded() {
-            return Err(ForkError::Recorded);
-        }
-        let sim = (self.parts.fork)(&self.sim).ok_or(ForkError::Family(self.plan.swarm.agent()))?;
+        let fork = self.fork.ok_or(ForkError::Recorded)?;
+        let sim = fork(&self.sim).ok_or(ForkError::Family(self.plan.swarm.agent()))?;
         Ok(Box::new(Run::<R, W, D> {
             plan: self.plan.clone(),
             sim,
-            parts: self.parts,
             machine: Arc::clone(&self.machine),
-            begun: self.begun,
-            injected: self.injected,
+            ..*self
         }))
     }
     fn modules(&self) -> usize {

@@ -33,10 +33,8 @@ pub enum Event {
     Motion(Motion),
     /// A body begins the motion of this number, with a description of its place afterwards.
     Does(ModuleId, u32, String),
-    /// The action has failed; the body is where it was before.
-    Failed(ModuleId),
-    /// The same, since the connector was too far from its target to close.
-    Misaligned(ModuleId),
+    /// The action has failed for this reason, which is empty if none is known; the body is where it was before.
+    Failed(ModuleId, &'static str),
     /// The body has refused the action, which therefore never began. Written only after an [`Event::Does`]:
     /// that is, if the refusal came later than the request, as it does with processes.
     Refused(ModuleId),
@@ -64,8 +62,7 @@ fn told(at: u64, event: &Event) -> Value {
     match event {
         Event::Motion(motion) => json!(["d", at, motion.to_json()]),
         Event::Does(id, motion, to) => json!(["m", at, id, motion, to]),
-        Event::Failed(id) => json!(["f", at, id]),
-        Event::Misaligned(id) => json!(["f", at, id, "its connector is too far from its target"]),
+        Event::Failed(id, why) => json!(["f", at, id, why]),
         Event::Refused(id) => json!(["r", at, id]),
         Event::Tells(id, s) => json!(["s", at, id, s.role, s.flags, s.place, s.waits_for]),
         Event::Died(id) => json!(["l", at, id, "dead"]),
@@ -252,13 +249,9 @@ impl Scene {
                 self.flow.moved(now);
             }
             ActionOutcome::Carried => drop(self.rests(id)),
-            ActionOutcome::Failed => {
+            ActionOutcome::Failed(why) => {
                 self.rests(id);
-                self.push(now, Event::Failed(id));
-            }
-            ActionOutcome::Misaligned => {
-                self.rests(id);
-                self.push(now, Event::Misaligned(id));
+                self.push(now, Event::Failed(id, why));
             }
             ActionOutcome::Refused => {
                 // A body refuses before it begins, so the refusal is of the latest request.

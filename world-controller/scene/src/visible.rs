@@ -22,15 +22,16 @@ pub struct ModuleView {
 /// Code of the role of a module that fills a target, an index of [`Words::roles`].
 pub const FILLS: u8 = 2;
 
+/// Why a connector has not closed that was out of the tolerances.
+pub const MISALIGNED: &str = "its connector is too far from its target";
+
 /// The outcome of an action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ActionOutcome {
     /// It succeeded.
     Done,
-    /// It failed; the body is where it was.
-    Failed,
-    /// A connector was too far from its target to close; the body is where it was.
-    Misaligned,
+    /// It failed for this reason, which is empty if none is known; the body is where it was.
+    Failed(&'static str),
     /// It was refused and has not begun.
     Refused,
     /// The action of another body, which carried this one, has succeeded.

@@ -57,7 +57,7 @@ impl Visible for PyAgent {
     fn fate(percept: &Percept) -> ActionOutcome {
         match percept {
             Percept::Arrived(_) => ActionOutcome::Done,
-            Percept::Failed => ActionOutcome::Failed,
+            Percept::Failed => ActionOutcome::Failed(""),
             Percept::Refused(_) => ActionOutcome::Refused,
         }
     }

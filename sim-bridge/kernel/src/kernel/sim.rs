@@ -8,6 +8,7 @@
 
 mod audit;
 mod bodies;
+mod fork;
 mod module;
 
 pub use bodies::{ControlCounts, Crossed, Crossings};
@@ -175,58 +176,6 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         sim
     }
 
-    /// Returns a copy of the run, which goes on independently: both take the same events from here on, until one of them is given
-    /// an input that the other is not given. Setup and hosts are shared, since they never change. `None` if the run is recorded:
-    /// two runs cannot continue one journal.
-    pub fn fork(&self) -> Option<Self>
-    where
-        W: Clone,
-        D: Clone,
-        W::Agent: Clone,
-    {
-        if self.log.is_some() {
-            return None;
-        }
-        let SimConfig { setup, link, seed, audit_every, ignore_sessions } = &self.config;
-        let config = SimConfig {
-            setup: Arc::clone(setup),
-            link: link.clone(),
-            seed: *seed,
-            audit_every: *audit_every,
-            ignore_sessions: *ignore_sessions,
-        };
-        Some(Sim {
-            config,
-            now: self.now,
-            world: self.world.clone(),
-            director: self.director.clone(),
-            modules: self.modules.clone(),
-            links: self.links.clone(),
-            backlogs: self.backlogs.clone(),
-            queue: self.queue.clone(),
-            parcels: self.parcels.clone(),
-            hosts: self.hosts.clone(),
-            controller: self.controller.clone(),
-            posted: self.posted.clone(),
-            control: self.control,
-            tally: self.tally,
-            latencies: self.latencies.clone(),
-            body_messages: self.body_messages,
-            trace: self.trace.clone(),
-            states: self.states.clone(),
-            findings: self.findings.clone(),
-            next_audit: self.next_audit,
-            instant: self.instant,
-            finished: self.finished,
-            audited: self.audited,
-            log: None,
-        })
-    }
-
-    /// Returns true if the steps of agents are recorded.
-    pub fn is_recorded(&self) -> bool {
-        self.log.is_some()
-    }
     /// Returns the current time.
     pub fn now(&self) -> Time {
         self.now

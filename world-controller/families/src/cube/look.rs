@@ -79,7 +79,7 @@ impl Visible for Cube {
     fn fate(percept: &Percept) -> ActionOutcome {
         match percept {
             Percept::Arrived(_) => ActionOutcome::Done,
-            Percept::Failed => ActionOutcome::Failed,
+            Percept::Failed => ActionOutcome::Failed(""),
             Percept::Refused(_) => ActionOutcome::Refused,
         }
     }

@@ -15,7 +15,9 @@ use metamorph_protocol::roombots::lattice_pose::LatticeRotation;
 use metamorph_protocol::roombots::{HALF_EDGE, OUTER_RADIUS};
 use metamorph_report::message_timeline::{FAR, MessageLabel};
 use metamorph_scene::parts::{Displacement, Motion, Part, Segment, Shape, Step, Tone, centre};
-use metamorph_scene::visible::{ActionOutcome, Colour, GoalView, ModuleView, Role, Stage, Targets, Words};
+use metamorph_scene::visible::{
+    ActionOutcome, Colour, GoalView, MISALIGNED, ModuleView, Role, Stage, Targets, Words,
+};
 use nalgebra::{Rotation3, Unit, UnitQuaternion, Vector3};
 
 /// Number of half cubes of a module.
@@ -159,8 +161,10 @@ impl Visible for LatticeModule {
     fn fate(percept: &LatticePercept) -> ActionOutcome {
         match percept {
             LatticePercept::Done(_) => ActionOutcome::Done,
-            LatticePercept::Failed | LatticePercept::Settled { moved: false, .. } => ActionOutcome::Failed,
-            LatticePercept::Misaligned => ActionOutcome::Misaligned,
+            LatticePercept::Failed | LatticePercept::Settled { moved: false, .. } => {
+                ActionOutcome::Failed("")
+            }
+            LatticePercept::Misaligned => ActionOutcome::Failed(MISALIGNED),
             LatticePercept::Refused(_) => ActionOutcome::Refused,
             LatticePercept::Carried(_) | LatticePercept::Settled { moved: true, .. } => {
                 ActionOutcome::Carried

@@ -9,6 +9,7 @@ use metamorph_protocol::free_module::reconfiguration::message::{
 use metamorph_protocol::free_module::reconfiguration::place::LatticePlace;
 use metamorph_protocol::roombots::connector::Connector;
 use metamorph_protocol::time::Time;
+use metamorph_scene::visible::MISALIGNED;
 
 fn body_action(body_action: LatticeBodyAction) -> String {
     let name = |connector: u8| Connector::ALL[usize::from(connector)];
@@ -58,9 +59,7 @@ impl Worded for LatticeModule {
         match percept {
             LatticePercept::Done(place) => format!("is now at {}", LatticeModule::place(place)),
             LatticePercept::Failed => "has failed, and is where it was".to_owned(),
-            LatticePercept::Misaligned => {
-                "has not connected: its connector is too far from its target".to_owned()
-            }
+            LatticePercept::Misaligned => format!("has not connected: {MISALIGNED}"),
             LatticePercept::Carried(swing) => {
                 format!("is carried by a turn of {}° about {}", swing.degrees, swing.pivot)
             }

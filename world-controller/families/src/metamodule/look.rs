@@ -15,7 +15,7 @@ use metamorph_protocol::time::Span;
 use metamorph_report::message_timeline::{FAR, MessageLabel};
 use metamorph_scene::parts::{Displacement, Motion, Part, Segment, Shape, Step, Tone, centre};
 use metamorph_scene::visible::{
-    ActionOutcome, Colour, Floor, GoalView, ModuleView, Role, Stage, Targets, Words,
+    ActionOutcome, Colour, Floor, GoalView, MISALIGNED, ModuleView, Role, Stage, Targets, Words,
 };
 use nalgebra::{Rotation3, UnitQuaternion};
 use std::ops::Range;
@@ -178,8 +178,8 @@ impl Visible for Metamodule {
     fn fate(percept: &Percept) -> ActionOutcome {
         match percept {
             Percept::Done(_) => ActionOutcome::Done,
-            Percept::Failed => ActionOutcome::Failed,
-            Percept::Misaligned => ActionOutcome::Misaligned,
+            Percept::Failed => ActionOutcome::Failed(""),
+            Percept::Misaligned => ActionOutcome::Failed(MISALIGNED),
             Percept::Refused(_) => ActionOutcome::Refused,
         }
     }

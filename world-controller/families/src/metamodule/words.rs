@@ -10,6 +10,7 @@ use metamorph_protocol::metamodule::message::{
 use metamorph_protocol::metamodule::pose::{End, Load, Pose};
 use metamorph_protocol::metamodule::steering::Steering;
 use metamorph_protocol::time::Time;
+use metamorph_scene::visible::MISALIGNED;
 use metamorph_text::format::listed;
 
 impl Worded for Metamodule {
@@ -38,9 +39,7 @@ impl Worded for Metamodule {
         match percept {
             MetamodulePercept::Done(pose) => format!("is now at {}", Metamodule::place(pose)),
             MetamodulePercept::Failed => "has failed, and is where it was".to_owned(),
-            MetamodulePercept::Misaligned => {
-                "has not connected: its connector is too far from its target".to_owned()
-            }
+            MetamodulePercept::Misaligned => format!("has not connected: {MISALIGNED}"),
             MetamodulePercept::Refused(why) => format!(
                 "refuses: {}",
                 match why {

@@ -168,9 +168,7 @@ impl<'s> Playback<'s> {
                 let begin = self.scene.events()[self.next].0;
                 self.of(*id, |course| course.doing = Some((begin, *motion as usize)));
             }
-            Event::Failed(id) | Event::Misaligned(id) | Event::Refused(id) => {
-                self.of(*id, |course| course.doing = None);
-            }
+            Event::Failed(id, _) | Event::Refused(id) => self.of(*id, |course| course.doing = None),
             Event::Tells(id, view) => self.of(*id, |course| course.view = Some(*view)),
             Event::Died(id) => self.of(*id, |course| course.process = Process::Dead),
             Event::Started(id) | Event::Resumed(id) => self.of(*id, |course| course.process = Process::Alive),

@@ -79,18 +79,14 @@ impl Figures {
             figures.hear(id, record.at, &step, &sent_at);
         }
         for (_, event) in scene.events() {
-            let (Event::Does(id, ..)
-            | Event::Failed(id)
-            | Event::Misaligned(id)
-            | Event::Refused(id)
-            | Event::Died(id)) = event
+            let (Event::Does(id, ..) | Event::Failed(id, _) | Event::Refused(id) | Event::Died(id)) = event
             else {
                 continue;
             };
             let Some(module) = figures.modules.get_mut(id.index()) else { continue };
             match event {
                 Event::Does(..) => module.actions += 1,
-                Event::Failed(_) | Event::Misaligned(_) => module.failed += 1,
+                Event::Failed(..) => module.failed += 1,
                 Event::Refused(_) => module.refused += 1,
                 _ => module.deaths += 1,
             }

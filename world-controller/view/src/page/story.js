@@ -141,7 +141,7 @@ export class Story {
         const last = module.doings[module.doings.length - 1];
         if (last) {
           last.failed = true;
-          last.why = event[3] ?? "";
+          last.why = event[3];
           module.stance = last.from;
         }
         break;
