@@ -438,7 +438,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ),
     ("world-controller/processes", &["control", "metrics", "swarm", "record", "run", "family"]),
     ("world-controller/free-modules", &["plan", "gait", "structure"]),
-    ("world-controller/experiments", &["sweep", "diff", "explore"]),
+    ("world-controller/experiments", &["sweep", "diff", "explore", "why"]),
     ("world-controller/people", &["room", "pointing", "studio"]),
 ];
 

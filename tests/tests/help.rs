@@ -10,7 +10,17 @@ use std::fs;
 /// fault.
 #[test]
 fn the_help_states_every_default() {
-    let adds = ["FILE", "FILE|-", "DIR", "KEY=VALUE", "KEY=V1,V2,..", "ID@T", "ID@T..T", "ID,..@T..T"];
+    let adds = [
+        "FILE",
+        "FILE|-",
+        "DIR",
+        "KEY=VALUE",
+        "KEY=V1,V2,..",
+        "KIND=VALUE@EVENTS",
+        "ID@T",
+        "ID@T..T",
+        "ID,..@T..T",
+    ];
     let line = CommandLine::command();
     let mut seen = 0;
     for command in line.get_subcommands().filter(|c| !c.is_hide_set()) {

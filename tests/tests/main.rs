@@ -87,3 +87,4 @@ mod view_page;
 mod view_server;
 mod walking;
 mod walking_recovery;
+mod why;

@@ -16,7 +16,7 @@ use std::collections::BTreeSet;
 use std::env;
 
 /// Keys that all families share, with values for runs on the simulated link.
-const OPTIONS: [(&str, &[&str]); 29] = [
+const OPTIONS: [(&str, &[&str]); 30] = [
     (
         "link.delay",
         &[
@@ -61,6 +61,13 @@ const OPTIONS: [(&str, &[&str]); 29] = [
     ("link.between_hosts.fence", &["3s"]),
     ("link.between_hosts.pair", &["[{ hosts = [\"h1\", \"h2\"], delay = \"40ms..90ms\" }]"]),
     ("controller.rescue", &["off", "calls", "plans"]),
+    (
+        "change",
+        &[
+            "[{ after = 40, reseed = { all = 3 } }, { after = 300, reseed = { links = 7 } }]",
+            "[{ after = 0, reseed = { links = 7 } }, { after = 500, reseed = { all = 9 } }, { after = 900, rescue = 'off' }]",
+        ],
+    ),
     ("stop.timeout", &["20s"]),
     ("stop.stall", &["90s"]),
     ("stop.livelock", &["200s"]),

@@ -35,8 +35,14 @@ timeout = "3000s"
 const HELPED: [u64; 4] = [9, 10, 12, 13];
 
 fn run_at(level: Rescue, seed: u64, journal: &Path) -> Report {
+    run_changed(level, seed, &[], journal)
+}
+
+fn run_changed(level: Rescue, seed: u64, change: &[&str], journal: &Path) -> Report {
     let settings = vec![Setting { option: "--rescue", text: format!("controller.rescue={level}") }];
-    let overrides = Overrides { link: LinkKind::Sim, seed: Some(seed), settings, ..Overrides::default() };
+    let change = change.iter().map(|change| (*change).to_owned()).collect();
+    let overrides =
+        Overrides { link: LinkKind::Sim, seed: Some(seed), settings, change, ..Overrides::default() };
     record(&read_text("broken.toml", BROKEN, &overrides).unwrap(), journal)
 }
 
@@ -52,6 +58,19 @@ fn calls(journal: &Path) -> usize {
 
 fn standstills(report: &Report) -> &StandstillsReport {
     report.standstills.as_ref().unwrap()
+}
+
+/// A change of the level of rescue holds from its event on: at the start, the run is that of the other level; at the end, that of
+/// its own.
+#[test]
+fn the_level_can_change_within_a_run() {
+    let (dir, seed) = (tempfile::tempdir().unwrap(), HELPED[0]);
+    let journal = |name: &str| dir.path().join(name);
+    let [off, .., plans] = Rescue::ALL.map(|level| run_at(level, seed, &journal(level.name())));
+    let changed = |change: &str| run_changed(Rescue::Plans, seed, &[change], &journal(change));
+    assert_ne!(off.trace_hash, plans.trace_hash);
+    assert_eq!(changed("rescue=off@0").trace_hash, off.trace_hash);
+    assert_eq!(changed("rescue=off@1000000000").trace_hash, plans.trace_hash);
 }
 
 /// Without help the controller calls no module, so a run that it would have helped ends at its last standstill; up to the first

@@ -83,6 +83,12 @@ loss = "2%"
 duplicate = "2%"
 reorder = "2%"
 corrupt = "2%"
+[[change]]
+after = 5
+reseed = { links = 17 }
+[[change]]
+after = 6
+rescue = "off"
 [controller]
 rescue = "calls"
 [process]
@@ -298,6 +304,8 @@ fn tables() -> Vec<(&'static str, &'static str, &'static str, Vec<&'static str>)
         (CUBES, "link.controller.", "controller-link", vec![]),
         (CUBES, "link.between_hosts.", "between_hosts", vec![]),
         (CUBES, "link.between_hosts.pair.0.", "host-pair", vec![]),
+        (CUBES, "change.0.", "change", vec![]),
+        (CUBES, "change.0.reseed.", "reseed", vec![]),
         (CUBES, "controller.", "controller", vec![]),
         (CUBES, "process.", "process", vec![]),
         (CUBES, "stop.", "stop", vec![]),

@@ -4,11 +4,13 @@
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::rng::Rng;
 use metamorph_protocol::time::Time;
+use metamorph_sim_bridge::kernel::change::ChangeKind;
 use metamorph_tests::command::scenario;
 use metamorph_world_controller::experiments::explore::draw::draw;
 use metamorph_world_controller::family::{all, begin, begin_shown, read_file};
 use metamorph_world_controller::run::simulated::{ForkError, SteppedRun};
 use metamorph_world_controller::scenario::{LinkKind, Overrides, Plan};
+use std::collections::BTreeSet;
 
 /// Copies of each run.
 const FORKS: u64 = 9;
@@ -83,6 +85,76 @@ fn copies_of_drawn_scenarios_end_as_their_origins() {
             copies_end_alike(&draw(seed, Some(family)).1, &format!("{} {seed}", family.name()));
         }
     }
+}
+
+/// Reseeds a copy at an instant, and compares its end with that of the scenario with this change. Returns its hash.
+fn reseeding_is_a_change(plan: &Plan, origin: &dyn SteppedRun, kind: ChangeKind, what: &str) -> u64 {
+    let mut copy = origin.fork().unwrap();
+    let change = copy.change(kind);
+    assert_eq!(change.after, origin.events(), "{what}");
+    let mut changed = plan.clone();
+    changed.add_change(change);
+    let (ended, again) = (finish(&mut *copy), finish(&mut *begin(&changed)));
+    assert_eq!((ended.0, ended.1, &ended.3), (again.0, again.1, &again.3), "{what}: {change}");
+    ended.0
+}
+
+/// Reseeds copies of a run at two instants. Returns the number of copies whose trace differs from that of the run.
+fn reseeded(plan: &Plan, what: &str) -> usize {
+    let (trace, _, events, _) = finish(&mut *begin(plan));
+    let mut random = Rng::named(plan.seed, "reseeded", 0);
+    let mut origin = begin(plan);
+    let mut at = [random.below(events / 2), random.below(events)];
+    at.sort_unstable();
+    let mut ends = BTreeSet::new();
+    for at in at {
+        while origin.events() < at && origin.step() {}
+        for kind in [ChangeKind::Links(1), ChangeKind::All(1), ChangeKind::Links(2)] {
+            ends.insert(reseeding_is_a_change(plan, &*origin, kind, what));
+        }
+    }
+    ends.remove(&trace);
+    ends.len()
+}
+
+#[test]
+fn reseeded_copies_are_runs_of_their_changes() {
+    for name in ["swarm.toml", "faults.toml", "a-third-dies.toml", "chair-hardware.toml", "line-to-loop.toml"]
+    {
+        let differ = reseeded(&plan(name), name);
+        assert!(differ >= 3, "{name}: {differ} of 6 copies differ");
+    }
+    for family in all().iter().copied().filter(|family| family.is_drawn()) {
+        let differ: usize = (0..DRAWN / 2)
+            .map(|i| (1 << 41) + 6_000 + i)
+            .map(|seed| reseeded(&draw(seed, Some(family)).1, &format!("{} {seed}", family.name())))
+            .sum();
+        assert!(differ as u64 > DRAWN, "{}: {differ} copies differ", family.name());
+    }
+}
+
+/// A copy of a copy, each reseeded, is the run of two changes.
+#[test]
+fn changes_of_copies_of_copies_add_up() {
+    let plan = plan("swarm.toml");
+    let mut origin = begin(&plan);
+    origin.run_until(Time(1_000_000_000));
+    let mut copy = origin.fork().unwrap();
+    let first = copy.change(ChangeKind::All(3));
+    copy.run_until(Time(2_000_000_000));
+    let mut copy = copy.fork().unwrap();
+    let second = copy.change(ChangeKind::Links(4));
+    let mut changed = plan.clone();
+    [second, first].into_iter().for_each(|change| changed.add_change(change));
+    let ended = finish(&mut *copy);
+    assert_eq!(finish(&mut *begin(&changed)), (ended.0, ended.1, events(&changed), ended.3));
+    let repeat = copy.report().repeat;
+    assert!(repeat.contains(&format!("--change {first} --change {second}")), "{repeat}");
+}
+
+/// Returns the number of events of a whole run.
+fn events(plan: &Plan) -> u64 {
+    finish(&mut *begin(plan)).2
 }
 
 /// A copy that is disturbed is the run of the scenario with that fault, and its origin does not notice.

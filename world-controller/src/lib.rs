@@ -137,7 +137,7 @@ pub mod view {
 /// Commands that do many runs.
 pub mod experiments {
     pub use metamorph_bench::SCHEMA as BENCH_SCHEMA;
-    pub use metamorph_experiments::{diff, explore};
+    pub use metamorph_experiments::{diff, explore, why};
     pub use metamorph_reproduce as reproduce;
 
     /// Sweeps.

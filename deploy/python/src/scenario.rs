@@ -32,7 +32,8 @@ fn invalid(py: Python<'_>, diagnostics: &Diagnostics, text: &str) -> PyErr {
     raise(py, "ScenarioError", (diagnostics.to_string(), problems))
 }
 
-/// Returns the overrides of a simulated run with faults such as `kill 7@2s`. Python has checked their verbs.
+/// Returns the overrides of a simulated run with faults such as `kill 7@2s` and changes such as `change links=17@48213`.
+/// Python has checked their verbs.
 pub fn with_faults(faults: &[String]) -> Overrides {
     let mut overrides = Overrides { link: LinkKind::Sim, ..Overrides::default() };
     for (verb, target) in faults.iter().filter_map(|fault| fault.split_once(' ')) {
@@ -40,6 +41,7 @@ pub fn with_faults(faults: &[String]) -> Overrides {
             "kill" => &mut overrides.kill,
             "pause" => &mut overrides.pause,
             "restart" => &mut overrides.restart,
+            "change" => &mut overrides.change,
             _ => &mut overrides.partition,
         };
         of_verb.push(target.trim().to_owned());

@@ -6,6 +6,7 @@ use crate::scenario::Plan;
 use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::ModuleId;
 use metamorph_protocol::time::{Span, Time};
+use metamorph_sim_bridge::kernel::change::ChangeKind;
 use metamorph_world_controller::console::stopwatch::Stopwatch;
 use metamorph_world_controller::family;
 use metamorph_world_controller::record::journal::JournalSession;
@@ -167,6 +168,19 @@ impl Simulation {
         let run = if is_in_python { Err(ForkError::Family("a protocol in Python")) } else { self.run.fork() };
         let run = run.map_err(|error| PyValueError::new_err(error.to_string()))?;
         Ok(Simulation { run, events: self.events, over: self.over, setup: None, shown: None })
+    }
+    /// Gives the run other random numbers from now on: of `kind` `links` or `all`, selected by `number`. Returns the change.
+    fn change(&mut self, kind: &str, number: u64) -> PyResult<String> {
+        let kind = match kind {
+            "links" => ChangeKind::Links(number),
+            "all" => ChangeKind::All(number),
+            _ => {
+                return Err(PyValueError::new_err(format!(
+                    "`{kind}` is no kind of stream; write links or all"
+                )));
+            }
+        };
+        Ok(self.run.change(kind).to_string())
     }
     /// Returns the objects of living modules by number; `None` if the protocol is not one in Python.
     fn objects(&self, py: Python<'_>) -> Option<Py<PyDict>> {

@@ -95,6 +95,25 @@ def test_copies_answer_several_questions_about_one_run() -> None:
         mm.Simulation("quadruped", seed=1).fork()
 
 
+def test_a_reseeded_copy_is_the_run_of_its_scenario() -> None:
+    sim = mm.Simulation(SWARM, seed=1)
+    sim.advance("2s")
+    ends = set()
+    for reseeded in ({"links": 1}, {"links": 2}, {"all": 1}):
+        copy = sim.fork(**reseeded)
+        copy.inject("kill 7")
+        copy.advance("1s")
+        copy = copy.fork(**reseeded)
+        copy.run()
+        ends.add(copy.trace_hash)
+        assert mm.run(copy.scenario(), seed=1).trace_hash == copy.trace_hash
+    assert len(ends) == 3
+    with pytest.raises(ValueError, match="one of the two"):
+        sim.fork(links=1, all=2)
+    with pytest.raises(mm.ScenarioError, match="links=17@48213"):
+        mm.Scenario.load(SWARM).with_change("links").check()
+
+
 def test_positions_states_and_messages_are_those_of_the_world() -> None:
     sim = mm.Simulation(SWARM, seed=1)
     before = sim.positions()

@@ -44,6 +44,7 @@ pub fn all() -> Vec<Format> {
         json("sweep summary", experiments::sweep::summary::SCHEMA),
         json("explore", experiments::explore::summary::SCHEMA),
         json("diff", experiments::diff::SCHEMA),
+        json("why", experiments::why::answer::SCHEMA),
         json("reproduce", experiments::reproduce::compare::SCHEMA),
         json("reproduce of planners", experiments::reproduce::planners::SCHEMA),
         json("bench", experiments::BENCH_SCHEMA),

@@ -29,7 +29,7 @@ const MAGIC: [u8; 8] = *b"MMJOURNL";
 /// Number of bytes in front of the first frame.
 const START: usize = MAGIC.len() + 2;
 /// The version of the layout and of all records.
-pub const VERSION: u16 = 17;
+pub const VERSION: u16 = 18;
 /// Largest size of a head, which contains a scenario, in bytes.
 const LONGEST_HEAD: usize = 32 << 20;
 /// Largest size of a record in bytes.

@@ -2,7 +2,7 @@
 //!
 //! An agent is a state machine without IO. A driver (the simulator, an agent process, a network bridge) hands
 //! in one [`Input`] at a time with the current time, calls [`Agent::poll`] until it returns `None`, and asks
-//! [`Agent::wake_at`] when to come back. Nothing else may change an agent. Not here: everything that differs
+//! [`Agent::wake_at`] when to come back. Nothing else may change an agent, with one exception, [`Agent::reseed`]. Not here: everything that differs
 //! between drivers.
 
 use crate::counters::Class;
@@ -134,6 +134,10 @@ pub trait Agent: Sized + Send + Sync + 'static {
 
     /// Returns the latest time at which the agent wants [`Input::Wake`]. Changes only in `new` and `handle`.
     fn wake_at(&self) -> Time;
+
+    /// Draws from a stream of another seed from now on. A simulator calls this between two inputs, to ask how a run would have
+    /// continued with other random numbers. Does nothing by default, for agents that draw nothing.
+    fn reseed(&mut self, _seed: u64) {}
 
     /// Feeds the state of the protocol into a hash that tells runs apart: in a fixed order and form (see
     /// [`crate::digest`]), without caches, wake-up times and outputs.

@@ -82,6 +82,11 @@ impl<A: Agent> AgentHost<A> {
         self.agent.wake_at()
     }
 
+    /// Lets the agent draw from another seed of the run ([`Agent::reseed`]).
+    pub fn reseed(&mut self, seed: u64) {
+        self.agent.reseed(seed);
+    }
+
     /// Hands in one input.
     pub fn handle(&mut self, now: Time, input: InputOf<A>) {
         self.agent.handle(now, input);

@@ -164,6 +164,11 @@ pub enum Event {
     },
     /// Driver: a controller has taken over the run.
     Resumed,
+    /// Driver: a change of the scenario takes effect, such as other random numbers.
+    Changed {
+        /// The change, as options write it.
+        change: String,
+    },
     /// Driver: the records of one owner end here although the owner continued, because its file was torn or its disk
     /// was full. Its later events are missing, and what follows from them cannot be checked.
     Torn,

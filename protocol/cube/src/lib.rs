@@ -316,6 +316,10 @@ impl Agent for Cube {
         self.wake
     }
 
+    fn reseed(&mut self, seed: u64) {
+        self.rng = Rng::named(seed, "cube", self.own.id.0.into());
+    }
+
     fn digest(&self, hasher: &mut dyn Hasher) {
         self.digest_state(hasher);
     }

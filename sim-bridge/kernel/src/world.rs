@@ -56,6 +56,10 @@ pub trait World {
         0
     }
 
+    /// Lets everything that draws in the world draw from another seed, as [`Agent::reseed`] does for an agent. Does nothing by
+    /// default.
+    fn reseed(&mut self, _seed: u64) {}
+
     /// Returns what bodies sensed, in order.
     fn poll(&mut self) -> Option<(ModuleId, Sensed<<Self::Agent as Agent>::Percept>)>;
 }

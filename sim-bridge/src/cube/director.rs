@@ -483,6 +483,9 @@ impl DirectorPort<CubeWorld> for Director {
         let rule = |fault: &Fault| rule(fault, known, epoch);
         self.monitor.injector()?.input_if(now, kind, bytes, known.len(), &[], rule)
     }
+    fn set_rescue(&mut self, level: Rescue) {
+        self.rescue = level;
+    }
     fn wake_at(&self) -> Time {
         self.monitor.wake_at(Time::NEVER)
     }

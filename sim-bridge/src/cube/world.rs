@@ -330,6 +330,9 @@ impl World for CubeWorld {
         }
     }
 
+    fn reseed(&mut self, seed: u64) {
+        self.queue.reseed(seed);
+    }
     fn digest(&self, hasher: &mut dyn Hasher) {
         let mut hasher = Portable::new(hasher);
         for body in &self.bodies {

@@ -404,6 +404,11 @@ impl DirectorPort<MetamoduleWorld> for MetamoduleDirector {
         let rule = |fault: &Fault| rules.check(now, fault);
         monitor.injector()?.input_if(now, kind, bytes, modules, &world, rule)
     }
+    fn reseed(&mut self, seed: u64) {
+        if let Some(operator) = &mut self.operator {
+            operator.reseed(seed);
+        }
+    }
     fn wake_at(&self) -> Time {
         let operator = self.operator.as_ref().map_or(Time::NEVER, Operator::wake_at);
         let plan = self.execution.as_ref().map_or(Time::NEVER, PlanExecution::ready_at);

@@ -1,4 +1,4 @@
-//! The bytes of a journal, read independently of the program: version 17 of the format, and of its records
+//! The bytes of a journal, read independently of the program: version 18 of the format, and of its records
 //! those about bodies.
 
 use super::Cell;
@@ -64,8 +64,8 @@ pub struct Journal {
 impl Journal {
     /// Reads a journal from the bytes of a file.
     pub fn read(bytes: &[u8]) -> Result<Journal, String> {
-        if bytes.len() < START || bytes[..START] != *b"MMJOURNL\x11\0" {
-            return Err("this is not a journal of version 17".into());
+        if bytes.len() < START || bytes[..START] != *b"MMJOURNL\x12\0" {
+            return Err("this is not a journal of version 18".into());
         }
         let mut sum = crc32fast::hash(&bytes[..START]);
         let mut rest = &bytes[START..];

@@ -5,7 +5,7 @@ use crate::cluster;
 use crate::exit_codes::{EXIT_CODES, JOURNAL_EXIT_CODES};
 use crate::{
     agent, bench, check, clean, diff, doctor, explore, export, host, learn, licences, new, plan, reference,
-    render, replay, reproduce, resume, robot, run, scenarios, shape, structure, sweep, view,
+    render, replay, reproduce, resume, robot, run, scenarios, shape, structure, sweep, view, why,
 };
 use clap::builder::EnumValueParser;
 use clap::{Arg, ArgAction, ArgMatches};
@@ -33,6 +33,7 @@ const BUILT_IN: &[&dyn Command] = &[
     &sweep::COMMAND,
     &diff::COMMAND,
     &explore::COMMAND,
+    &why::COMMAND,
     &reproduce::COMMAND,
     &plan::COMMAND,
     &structure::COMMAND,

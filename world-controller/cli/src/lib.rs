@@ -42,5 +42,6 @@ pub mod shape;
 pub mod structure;
 mod sweep;
 mod view;
+mod why;
 
 pub use modules::SCHEMA as PAIRING_SCHEMA;

@@ -18,9 +18,11 @@ use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::port::DirectorPort;
 use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::kernel::audited::Audited;
+use metamorph_sim_bridge::kernel::change::{Change, ChangeKind};
 use metamorph_sim_bridge::kernel::recording::{Log, RecordedDirector, RecordedWorld};
 use metamorph_sim_bridge::kernel::sim::{Sim, SimConfig, Step};
 use metamorph_sim_bridge::world::World;
+use metamorph_sim_bridge::world::invariants::Violation;
 use std::sync::Arc;
 use std::time::Duration;
 use thiserror::Error;
@@ -87,7 +89,9 @@ fn config<R: Runnable>(plan: &Plan) -> SimConfig<<R::World as World>::Agent> {
 /// Creates the simulation of a plan, for a program that runs it itself.
 pub fn simulation<R: Runnable>(plan: &Plan) -> Sim<R::World, R::Director> {
     let swarm = plan.swarm.own::<R>();
-    Sim::new(config::<R>(plan), swarm.world(plan), swarm.director(plan))
+    let mut sim = Sim::new(config::<R>(plan), swarm.world(plan), swarm.director(plan));
+    sim.plan_changes(plan.changes.clone());
+    sim
 }
 
 impl<R: Runnable> Run<R, R::World, R::Director> {
@@ -102,7 +106,8 @@ impl<R: Runnable> Run<R, RecordedWorld<R::World>, RecordedDirector<R::Director>>
         let swarm = plan.swarm.own::<R>();
         let world = RecordedWorld::new(swarm.world(plan), log.clone());
         let director = RecordedDirector::new(swarm.director(plan), log.clone());
-        let sim = Sim::with_journal(config::<R>(plan), world, director, Some(log));
+        let mut sim = Sim::with_journal(config::<R>(plan), world, director, Some(log));
+        sim.plan_changes(plan.changes.clone());
         Run::begin(plan, machine, sim, RecordedWorld::inner, RecordedDirector::inner, None)
     }
 }
@@ -212,6 +217,11 @@ pub trait SteppedRun: Send + Sync {
     /// # Errors
     /// If the run is recorded, or its family has parts that cannot be copied: walking bodies, and protocols of one's own.
     fn fork(&self) -> Result<Box<dyn SteppedRun>, ForkError>;
+    /// Changes the run now: other random numbers from here on, or another level of rescue. The run is then that of its scenario
+    /// with this change, as its report says. Returns the change.
+    fn change(&mut self, kind: ChangeKind) -> Change;
+    /// Returns the number of events of the kernel so far.
+    fn events(&self) -> u64;
     /// Returns the number of modules.
     fn modules(&self) -> usize;
     /// Returns the cell of each module's body.
@@ -237,6 +247,8 @@ pub trait SteppedRun: Send + Sync {
     fn input(&mut self, kind: &str, bytes: &[u8]) -> Result<(), String>;
     /// Returns the outcome so far; before the end it is `aborted`.
     fn outcome(&self) -> Outcome;
+    /// Returns the first violations of invariants, at most a hundred.
+    fn violations(&self) -> &[Violation];
     /// Returns the report with these notes, and the results of world and director. `search` says whether a standstill is
     /// searched for what could still have been built.
     fn conclude(&self, search: bool, notes: Vec<String>) -> (Report, RunResult);
@@ -286,6 +298,14 @@ where
             ..*self
         }))
     }
+    fn change(&mut self, kind: ChangeKind) -> Change {
+        let change = self.sim.change(kind);
+        self.plan.add_change(change);
+        change
+    }
+    fn events(&self) -> u64 {
+        self.sim.events()
+    }
     fn modules(&self) -> usize {
         self.sim.world().len()
     }
@@ -324,6 +344,9 @@ where
     }
     fn outcome(&self) -> Outcome {
         self.account().ended.map_or(Outcome::Aborted, |(_, outcome)| outcome)
+    }
+    fn violations(&self) -> &[Violation] {
+        self.sim.violations().0
     }
     fn conclude(&self, search: bool, notes: Vec<String>) -> (Report, RunResult) {
         self.conclude(search, notes)

@@ -13,12 +13,13 @@ use metamorph_console::files::Files;
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::stopwatch::Stopwatch;
 use metamorph_console::terminal::Live;
-use metamorph_families::runnable::AgentOf;
+use metamorph_families::runnable::{AgentOf, Runnable};
 use metamorph_families::simulated::{SteppedRun, Watch};
-use metamorph_families::worded::Worded;
+use metamorph_families::worded::{self, Worded};
 use metamorph_families::{self as families_of_runs, TooLate, with_all_parts};
 use metamorph_module_agent::process::args::ArgsError;
 use metamorph_module_agent::{AgentArgs, AgentError};
+use metamorph_protocol::record::{Record, Sink, Who};
 use metamorph_report::progress;
 use metamorph_report::run_result::RunResult;
 use metamorph_report::schema::Report;
@@ -29,11 +30,12 @@ use metamorph_scenario::{Overrides, Plan};
 use metamorph_scene::scene::Scene;
 use metamorph_scene::shared::Shared;
 use metamorph_sim_bridge::director::progress::Progress;
+use metamorph_sim_bridge::kernel::recording::Log;
 use metamorph_text::command_error::{CommandError, FAILED};
 use metamorph_text::sources::Sources;
 use std::ffi::OsString;
 use std::path::Path;
-use std::sync::OnceLock;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use thiserror::Error;
 
 pub use metamorph_families::{FamilyParts, cube, free_module, generated, graphs, metamodule};
@@ -64,6 +66,8 @@ pub trait Family: families_of_runs::Family {
     ) -> Result<Report, ProcessError>;
     /// Replays a journal.
     fn replay(&self, plan: &Plan, journal: &mut Journal, request: &Request) -> Replayed;
+    /// Describes records of agents, in their order.
+    fn told(&self, plan: &Plan, records: &[Record]) -> String;
     /// Runs one agent until its controller stops it or is gone.
     fn agent(&self, args: &AgentArgs) -> Result<(), AgentError>;
 }
@@ -87,6 +91,17 @@ where
     }
     fn replay(&self, plan: &Plan, journal: &mut Journal, request: &Request) -> Replayed {
         replay::run(plan.swarm.own::<F::Swarm>(), plan, journal, request)
+    }
+    fn told(&self, plan: &Plan, records: &[Record]) -> String {
+        let (mut text, setup) = (String::new(), plan.swarm.own::<F::Swarm>().setup());
+        for record in records {
+            if let Who::Agent(_, incarnation) = record.who {
+                let mut lines = String::new();
+                worded::tell::<AgentOf<F::Swarm>>(&mut lines, setup, record, incarnation);
+                lines.lines().for_each(|line| text.push_str(&format!("{}: {line}\n", record.who)));
+            }
+        }
+        text
     }
     fn agent(&self, args: &AgentArgs) -> Result<(), AgentError> {
         metamorph_module_agent::run::<AgentOf<F::Swarm>>(args)
@@ -201,6 +216,31 @@ pub fn begin_shown(plan: &Plan) -> (Box<dyn SteppedRun>, Shared) {
     let scene = Shared::new(scene(plan, true));
     let log = of(plan).shown(plan).scribe(scene.clone());
     (metamorph_runs::begin(plan, RealMachine::since(Stopwatch::start()), Some(log)), scene)
+}
+
+/// Keeps records in memory.
+#[derive(Default)]
+struct Kept(Vec<Record>);
+
+impl Sink for Kept {
+    fn put(&mut self, record: &Record) {
+        self.0.push(record.clone());
+    }
+    fn commit(&mut self) {}
+}
+
+/// Describes the inputs of agents in the event of a simulated run that follows this many others.
+pub fn told(plan: &Plan, events: u64) -> String {
+    let kept = Arc::new(Mutex::new(Kept::default()));
+    let log = Log::new(Arc::clone(&kept));
+    let mut run = metamorph_runs::begin(plan, RealMachine::since(Stopwatch::start()), Some(log));
+    let take = || std::mem::take(&mut kept.lock().unwrap_or_else(PoisonError::into_inner).0);
+    while run.events() < events && run.step() {
+        take();
+    }
+    take();
+    run.step();
+    of(plan).told(plan, &take())
 }
 
 /// Simulates a plan to its end, or until interrupted, with a progress line. `since` was started with the

@@ -4,7 +4,7 @@
 use maud::{Markup, html};
 
 /// The attributes that stand for the classes of `document.css`.
-const STYLES: [(&str, &str); 13] = [
+const STYLES: [(&str, &str); 16] = [
     ("grid", "stroke=\"#d6dde4\" stroke-width=\"1\""),
     ("tick", "fill=\"#566373\" text-anchor=\"middle\""),
     ("label", "fill=\"#1b232d\" text-anchor=\"end\""),
@@ -17,6 +17,9 @@ const STYLES: [(&str, &str); 13] = [
     ("median", "stroke=\"#1b232d\" stroke-width=\"2\""),
     ("dot", "fill=\"#1f6fb2\" stroke=\"#ffffff\" stroke-width=\"1.5\""),
     ("mean", "fill=\"#1b232d\" stroke=\"#ffffff\" stroke-width=\"1\""),
+    ("decided", "fill=\"#f2d6b8\""),
+    ("band", "fill=\"#b9d6ee\" fill-opacity=\"0.6\""),
+    ("line", "fill=\"none\" stroke=\"#1f6fb2\" stroke-width=\"2\""),
     ("zero", "stroke=\"#1b232d\" stroke-width=\"1\""),
 ];
 

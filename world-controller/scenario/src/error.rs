@@ -3,6 +3,7 @@
 //! One variant per reason, so that tests and callers can tell them apart; the text of a variant is the
 //! reason, [`ScenarioError::fix`] says what to do. Absent: the place of the error (see `diagnostics`).
 
+use super::changes;
 use super::hosts::HostsProblem;
 use super::settings::KeyError;
 use metamorph_core::goal::GoalError;
@@ -277,6 +278,9 @@ pub enum ScenarioError {
     /// The content of a file in the scenario is not Base64.
     #[error("this is not Base64")]
     NotBase64,
+    /// A change without exactly one kind.
+    #[error("a [[change]] has one kind; this one has {0}")]
+    OneChange(String),
     /// An option of the wrong form.
     #[error("`{0}` is not of the form {1}")]
     Form(String, &'static str),
@@ -373,6 +377,7 @@ impl ScenarioError {
             ScenarioError::Hosts(problem) => problem.fix(),
             ScenarioError::Key(error) => error.fix(),
             ScenarioError::FileTwice(_) => "remove one of the two".into(),
+            ScenarioError::OneChange(_) => "write for example `reseed = { links = 17 }`".into(),
             ScenarioError::NotBase64 => "write what `base64 FILE` prints, or text as `text`".into(),
             ScenarioError::Form(_, form) => format!("write for example `{}`", option_example(form)),
         }
@@ -385,6 +390,7 @@ fn option_example(form: &str) -> &'static str {
         "T or T..T" => "10ms..100ms",
         "T..T" => "0s..60s",
         "KEY=VALUE" => "link.loss=5%",
+        changes::FORM => "links=17@48213",
         _ => "3@2s",
     }
 }

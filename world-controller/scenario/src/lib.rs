@@ -13,6 +13,7 @@
 //! allow. Absent: running anything.
 
 pub mod bounds;
+mod changes;
 pub mod commands;
 mod controller_link;
 pub mod definitions;
@@ -55,6 +56,7 @@ use metamorph_core::ratio::Ratio;
 use metamorph_kernel::director::faults::Schedule;
 use metamorph_kernel::director::progress::Stop;
 use metamorph_kernel::director::rescue::Rescue;
+use metamorph_kernel::kernel::change::Change;
 use metamorph_text::escape::portable;
 use metamorph_text::program;
 use metamorph_text::sources::Sources;
@@ -116,6 +118,8 @@ pub struct Overrides {
     pub reorder: Option<String>,
     /// Scenario seconds per second on the process link.
     pub time_scale: Option<String>,
+    /// `KIND=VALUE@EVENTS`, in addition to the scenario's changes.
+    pub change: Vec<String>,
     /// Values put into the scenario before it is read.
     pub settings: Vec<Setting>,
 }
@@ -139,6 +143,7 @@ impl Overrides {
             one("--dup", &self.duplicate),
             one("--reorder", &self.reorder),
             one("--time-scale", &self.time_scale),
+            many("--change", &self.change),
         ]
         .concat()
     }
@@ -186,6 +191,8 @@ pub struct Plan {
     pub schedule: Schedule,
     /// The end conditions of the run.
     pub stop: Stop,
+    /// The changes of a simulated run at its events, in their order.
+    pub changes: Vec<Change>,
     /// How far the controller helps a swarm that stands still, if the family has a rescue.
     pub rescue: Rescue,
     /// The operator, if the scenario names one.
@@ -206,6 +213,13 @@ impl Plan {
     /// passed on to others.
     pub fn file(&self) -> String {
         portable(Path::new(&self.origin))
+    }
+
+    /// Adds a change of the run, as an option of the command line would.
+    pub fn add_change(&mut self, change: Change) {
+        self.overrides.change.push(change.to_string());
+        self.changes.push(change);
+        self.changes.sort_by_key(|change| change.after);
     }
 
     /// Returns the same plan with another seed. Cheap: what does not depend on the seed is shared.
@@ -285,7 +299,10 @@ fn load_file(sources: &dyn Sources, path: &Path) -> Result<String, Diagnostics> 
     let origin = path.display().to_string();
     let bytes = sources.read_argument(path, MAX_BYTES).map_err(|error| match error.kind() {
         ErrorKind::InvalidInput => Diagnostics::of_file(&origin, ScenarioError::NoFile(error.to_string())),
-        ErrorKind::NotFound | ErrorKind::NotADirectory => shipped::missing(sources, path),
+        ErrorKind::NotFound | ErrorKind::NotADirectory => {
+            let suggestions = shipped::suggestions(sources, path);
+            Diagnostics::of_file(&origin, ScenarioError::NoSuchFile { suggestions })
+        }
         ErrorKind::FileTooLarge => Diagnostics::of_file(&origin, ScenarioError::FileTooLarge),
         _ => Diagnostics::of_file(&origin, ScenarioError::Unreadable(error.to_string())),
     })?;

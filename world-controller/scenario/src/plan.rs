@@ -2,6 +2,7 @@
 //! its own files.
 
 use super::bounds::Passage;
+use super::changes;
 use super::commands;
 use super::diagnostics::{At, Diagnostics};
 use super::error::{LONGEST, SHORTEST, ScenarioError};
@@ -75,6 +76,7 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
         stop.planned_until = ends.max().unwrap_or(Time::ZERO).min(stop.timeout);
     }
     swarm.check_end(stop.timeout.since(Time::ZERO), diagnostics);
+    changes::check(&raw.changes, overrides.link, diagnostics);
     let operator = raw.operator.as_ref().map(|operator| operator.compile(diagnostics));
     let time_scale = time_scale(raw, diagnostics);
     if !diagnostics.is_empty() {
@@ -97,6 +99,7 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
         schedule: fault_plan::draw(&faults, raw.seed),
         faults: faults.into(),
         stop,
+        changes: raw.changes.iter().map(|change| change.value).collect(),
         rescue: raw.rescue,
         operator,
         is_beyond: raw.stall.is_none() && draft.patience.bounds.is_beyond(),

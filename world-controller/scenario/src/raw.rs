@@ -1,5 +1,6 @@
 //! A scenario as written: typed values with their places, before checks that need more than one of them.
 
+use super::changes;
 use super::commands::{self, RawCommands};
 use super::controller_link::RawController;
 use super::diagnostics::{At, Diagnostics, Place};
@@ -20,6 +21,7 @@ use metamorph_core::link::{Burst, LinkModel, Quantiles};
 use metamorph_core::ratio::Ratio;
 use metamorph_core::time::{Span, Time};
 use metamorph_kernel::director::rescue::Rescue;
+use metamorph_kernel::kernel::change::Change;
 use std::sync::Arc;
 use toml::de::DeTable;
 
@@ -138,6 +140,8 @@ pub struct Raw {
     pub commands: Vec<RawCommands>,
     /// The operator.
     pub operator: Option<RawOperator>,
+    /// The changes of the run, in the order of their events.
+    pub changes: Vec<At<Change>>,
     /// How far the controller helps a swarm that stands still.
     pub rescue: Rescue,
     /// The time-out of the run.
@@ -237,6 +241,9 @@ impl Raw {
         if let Some(node) = top.node("controller") {
             raw.rescue = rescue::read(node, diagnostics).unwrap_or_default();
         }
+        if let Some(node) = top.node("change") {
+            raw.changes = changes::read(node, diagnostics);
+        }
         if let Some(node) = top.node("stop") {
             raw.read_stop(node, diagnostics);
         }
@@ -261,6 +268,7 @@ impl Raw {
             faults: Vec::new(),
             commands: Vec::new(),
             operator: None,
+            changes: Vec::new(),
             rescue: Rescue::default(),
             timeout: None,
             stall: None,
@@ -308,6 +316,9 @@ impl Raw {
         }
         let partitions = overrides.partition.iter();
         self.faults.extend(partitions.filter_map(|text| faults::read_partition_option(text, diagnostics)));
+        let changes = overrides.change.iter();
+        self.changes.extend(changes.filter_map(|text| changes::read_option(text, diagnostics)));
+        self.changes.sort_by_key(|change| change.value.after);
         for (name, text, target) in [
             ("--loss", &overrides.loss, &mut self.link.loss),
             ("--dup", &overrides.duplicate, &mut self.link.duplicate),

@@ -7,7 +7,7 @@ use metamorph_kernel::director::rescue::Rescue;
 use serde_json::json;
 
 /// The levels, by their names.
-const LEVELS: [(&str, Rescue); 3] = [
+pub(super) const LEVELS: [(&str, Rescue); 3] = [
     (Rescue::Plans.name(), Rescue::Plans),
     (Rescue::Calls.name(), Rescue::Calls),
     (Rescue::Off.name(), Rescue::Off),

@@ -7,6 +7,7 @@
 //! An optional key has a `default`, which is the value that the reader uses, or its description says what
 //! happens without it.
 
+use super::changes;
 use super::commands;
 use super::controller_link;
 use super::definitions::{
@@ -75,6 +76,10 @@ pub fn schema(families: Families) -> Value {
                 "Commands of operators to the run.",
                 or(json!([]), json!({ "type": "array", "items": of("command") })),
             ),
+            "change": said(
+                "Changes of a simulated run at its events: other random numbers from there on.",
+                or(json!([]), json!({ "type": "array", "items": of("change") })),
+            ),
             "operator": said("A scripted operator, or how much modules decide for themselves; if left out, no operator.", of("operator")),
             "controller": said("What the controller does besides measuring.", or(json!({}), of("controller"))),
             "stop": said("When a run ends that has not built its goals.", or(json!({}), of("stop"))),
@@ -116,6 +121,7 @@ fn definitions(families: Families) -> Value {
         .chain(link_burst::schema())
         .chain(rescue::schema())
         .chain(operator::schema())
+        .chain(changes::schema())
         .chain(shapes())
     {
         all.insert(name.to_owned(), value);

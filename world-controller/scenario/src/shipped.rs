@@ -1,8 +1,6 @@
 //! The scenarios that ship with the program, and the shapes and gaits that they name: part of the program, so that a
 //! scenario is found by its name wherever the program is started.
 
-use crate::diagnostics::Diagnostics;
-use crate::error::ScenarioError;
 use metamorph_text::sources::{STANDARD_INPUT, Sources};
 use std::ffi::OsStr;
 use std::io;
@@ -200,12 +198,6 @@ fn nearest(wanted: &str, names: impl Iterator<Item = (String, String)>) -> Vec<S
     let mut near: Vec<(usize, String)> = names.map(away).filter(|(away, _)| *away <= most).collect();
     near.sort_by_key(|(away, _)| *away);
     near.into_iter().map(|(_, shown)| shown).take(SUGGESTIONS_MAX).collect()
-}
-
-/// Returns the error of a file that does not exist.
-pub fn missing(sources: &dyn Sources, path: &Path) -> Diagnostics {
-    let suggestions = suggestions(sources, path);
-    Diagnostics::of_file(&path.display().to_string(), ScenarioError::NoSuchFile { suggestions })
 }
 
 #[cfg(test)]

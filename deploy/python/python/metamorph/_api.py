@@ -83,6 +83,11 @@ class Scenario:
             raise ValueError(f"`{fault}` is no fault; write {forms}")
         return self._of(self._origin, self._text, self._settings, (*self._faults, fault))
 
+    def with_change(self, change: str) -> Scenario:
+        """Returns a copy with one more change of the simulated run: `links=17@48213` gives links other random numbers after 48,213
+        events, `all=17@48213` everything that draws, and `rescue=off@48213` ends the help of the controller."""
+        return self._of(self._origin, self._text, self._settings, (*self._faults, f"change {change}"))
+
     def _plan(self, seed: Optional[int] = None, protocol: Optional[_native.Protocol] = None) -> _native.Plan:
         settings = [*self._settings, *([_OF_PYTHON] if protocol is not None else [])]
         return _native.Plan(self._origin, self._text, settings, list(self._faults), seed, protocol)
@@ -592,15 +597,24 @@ class Simulation:
 
     _unrepeatable: Optional[str] = None
 
-    def fork(self) -> Simulation:
+    def fork(self, *, links: Optional[int] = None, all: Optional[int] = None) -> Simulation:
         """A copy of the run that goes on by itself: both take the same events until something is injected into one of them.
+
+        With a number as ``links``, the links of the copy draw other random numbers from here on; with ``all``, everything does
+        that draws as the run proceeds: links, agents, joints and connections that fail. Copies with different numbers are
+        independent futures of one past. Faults, starts and goals are drawn before a run, and stay.
 
         So one run answers several questions: run it to the instant that matters, and fork it for each. Runs of walking
         structures and of protocols in Python have no copy yet; those raise a ``ValueError``.
         """
+        if links is not None and all is not None:
+            raise ValueError("`all` includes links; give one of the two")
         copy = object.__new__(type(self))
         copy.__dict__.update(self.__dict__)
         copy._run = self._run.fork()
+        for kind, number in (("links", links), ("all", all)):
+            if number is not None:
+                copy._scenario = copy._scenario.with_change(copy._run.change(kind, number))
         return copy
 
     def scenario(self) -> Scenario:

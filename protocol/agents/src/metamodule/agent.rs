@@ -153,6 +153,10 @@ impl Agent for Metamodule {
         Timer::ALL.into_iter().map(|timer| self.due(timer)).min().unwrap_or(Time::NEVER)
     }
 
+    fn reseed(&mut self, seed: u64) {
+        self.requester.rng = Rng::named(seed, "metamodule", self.own.id.0.into());
+    }
+
     fn digest(&self, hasher: &mut dyn Hasher) {
         self.digest_state(hasher);
     }

@@ -196,6 +196,10 @@ struct Watched {
     asks: Option<bool>,
 }
 
+fn random(seed: u64) -> Rng {
+    Rng::named(seed, "operator", 0)
+}
+
 /// A scripted operator.
 #[derive(Clone, Debug)]
 pub struct Operator {
@@ -214,6 +218,11 @@ pub struct Operator {
 }
 
 impl Operator {
+    /// Draws from another seed from now on.
+    pub fn reseed(&mut self, seed: u64) {
+        self.rng = random(seed);
+    }
+
     /// Creates an operator of this many swarms. All that it draws follows from `seed`.
     pub fn new(habits: Habits, swarms: usize, seed: u64) -> Operator {
         // A swarm is productive if any part of it is.
@@ -225,7 +234,7 @@ impl Operator {
         };
         Operator {
             habits,
-            rng: Rng::named(seed, "operator", 0),
+            rng: random(seed),
             phase: Phase::Looking,
             look_at: Time::ZERO,
             observed: Time::ZERO,

@@ -4,6 +4,7 @@
 //! virtual time or with signals to real processes.
 
 use crate::director::faults::FaultRecord;
+use crate::director::rescue::Rescue;
 use crate::world::World;
 use metamorph_core::agent::Agent;
 use metamorph_core::ids::ModuleId;
@@ -34,6 +35,10 @@ pub trait DirectorPort<W: World> {
         let _ = (now, bytes);
         Err(format!("this director takes no input of kind `{kind}`"))
     }
+    /// Draws from another seed from now on, as [`Agent::reseed`] does. Does nothing by default, for directors that draw nothing.
+    fn reseed(&mut self, _seed: u64) {}
+    /// Helps a swarm that stands still as far as this from now on. Does nothing by default, for families without a rescue.
+    fn set_rescue(&mut self, _level: Rescue) {}
     /// Returns the latest time at which to wake the director.
     fn wake_at(&self) -> Time;
     /// Returns the next command, in order. Polled after every other call.

@@ -2,6 +2,7 @@
 //! state hash and recording.
 
 pub mod audited;
+pub mod change;
 pub mod graph_world;
 pub mod queue;
 pub mod recording;

@@ -5,6 +5,7 @@
 
 use crate::director::faults::{Fault, FaultRecord, Target};
 use crate::director::port::DirectorPort;
+use crate::director::rescue::Rescue;
 use crate::kernel::audited::{Agents, Audited};
 use crate::world::World;
 use crate::world::invariants::Violation;
@@ -137,6 +138,10 @@ impl<W: World> World for RecordedWorld<W> {
     fn digest(&self, hasher: &mut dyn Hasher) {
         self.inner.digest(hasher);
     }
+    // The driver records changes.
+    fn reseed(&mut self, seed: u64) {
+        self.inner.reseed(seed);
+    }
     fn poll(&mut self) -> Option<(ModuleId, Sensed<<W::Agent as Agent>::Percept>)> {
         self.collect();
         let (id, sensed) = self.sensed.pop_front()?;
@@ -249,6 +254,12 @@ impl<W: World, D: DirectorPort<W>> DirectorPort<RecordedWorld<W>> for RecordedDi
         self.inner.input(now, kind, bytes)?;
         self.put(now, Event::Input { kind: kind.to_owned(), bytes: bytes.to_owned() });
         Ok(())
+    }
+    fn reseed(&mut self, seed: u64) {
+        self.inner.reseed(seed);
+    }
+    fn set_rescue(&mut self, level: Rescue) {
+        self.inner.set_rescue(level);
     }
     fn wake_at(&self) -> Time {
         self.inner.wake_at()

@@ -8,6 +8,7 @@
 
 mod audit;
 mod bodies;
+mod changes;
 mod fork;
 mod module;
 
@@ -23,6 +24,7 @@ use crate::world::invariants::SESSION_CURRENT;
 use crate::world::invariants::{self, Violation};
 use audit::Findings;
 use bodies::{BodyMessage, ControlStreams, HostStreams, Posted};
+use changes::Changes;
 use metamorph_core::agent::{Agent, Birth, Input, InputOf, Output, OutputOf};
 use metamorph_core::counters::{Class, Tally};
 use metamorph_core::coverage::{CoveragePoint, hit};
@@ -111,6 +113,10 @@ pub struct Sim<W: Audited, D: DirectorPort<W>> {
     next_audit: Time,
     /// The instant of the latest input to an agent, and how many there have been at it.
     instant: (Time, u64),
+    /// The number of events so far, and the changes to come.
+    changes: Changes,
+    /// The seed of agents that start from now on.
+    births: u64,
     finished: bool,
     /// True if everything was audited after the end.
     audited: bool,
@@ -154,6 +160,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             controller,
             posted: Slab::new(),
             control: ControlCounts::default(),
+            births: config.seed,
             config,
             world,
             director,
@@ -164,6 +171,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             states,
             findings: Findings::default(),
             instant: (Time::ZERO, 0),
+            changes: Changes::default(),
             finished: false,
             audited: false,
             log,
@@ -270,7 +278,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             self.audit_all();
             self.next_audit = self.now + self.config.audit_every;
         }
-        Step::Done
+        self.count_event()
     }
 
     /// Hands the director an input that is not determined by scenario and seed.
@@ -559,7 +567,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
     }
 
     fn start(&mut self, id: ModuleId, incarnation: Incarnation) {
-        let (place, seed, born) = (self.world.place(id), self.config.seed, self.now);
+        let (place, seed, born) = (self.world.place(id), self.births, self.now);
         let birth = Birth { id, incarnation, place, seed, born };
         let module = &mut self.modules[id.index()];
         // Its home may be another one than that of its last incarnation.

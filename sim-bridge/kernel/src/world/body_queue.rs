@@ -32,6 +32,10 @@ impl<C> Ports<C> {
     }
 }
 
+fn joints(seed: u64) -> Rng {
+    Rng::named(seed, "joints", 0)
+}
+
 /// Actions under way and what bodies sensed. `P` is the percept of a body.
 #[derive(Clone, Debug)]
 pub struct BodyQueue<P> {
@@ -54,7 +58,7 @@ impl<P> BodyQueue<P> {
             sensed: VecDeque::new(),
             sessions: 0,
             failure: Ratio::ZERO,
-            joints: Rng::named(seed, "joints", 0),
+            joints: joints(seed),
             violations: Vec::new(),
         }
     }
@@ -83,6 +87,10 @@ impl<P> BodyQueue<P> {
     /// Sets the probability of failures.
     pub fn set_failure(&mut self, failure: Ratio) {
         self.failure = failure;
+    }
+    /// Draws failures from another seed.
+    pub fn reseed(&mut self, seed: u64) {
+        self.joints = joints(seed);
     }
     /// Draws whether a joint or a connection fails.
     pub fn draw_failure(&mut self) -> bool {

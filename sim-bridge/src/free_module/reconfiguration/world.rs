@@ -494,6 +494,9 @@ impl World for FreeModuleWorld {
         }
     }
 
+    fn reseed(&mut self, seed: u64) {
+        self.queue.reseed(seed);
+    }
     fn digest(&self, hasher: &mut dyn Hasher) {
         let mut hasher = Portable::new(hasher);
         for (i, body) in self.bodies.iter().enumerate() {

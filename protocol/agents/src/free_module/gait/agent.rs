@@ -361,6 +361,10 @@ impl Agent for FreeModule {
         Summary { role: self.adopted.tasks.map(JointTask::name).join(", "), activity, ..Summary::default() }
     }
 
+    fn reseed(&mut self, seed: u64) {
+        self.rng = Rng::named(seed, "free module", self.id.0.into());
+    }
+
     fn digest(&self, hasher: &mut dyn Hasher) {
         let mut put = |n: u64| hasher.write(&n.to_le_bytes());
         put(self.links.fingerprint());

@@ -469,6 +469,10 @@ impl Agent for LatticeModule {
         job.min(lock)
     }
 
+    fn reseed(&mut self, seed: u64) {
+        self.rng = Rng::named(seed, "lattice module", self.id.0.into());
+    }
+
     fn digest(&self, hasher: &mut dyn Hasher) {
         let mut hasher = Portable::new(hasher);
         (&self.rng, self.place, self.docked, self.epoch).hash(&mut hasher);

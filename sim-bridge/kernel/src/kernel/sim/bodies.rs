@@ -50,7 +50,7 @@ pub(super) struct Posted<A: Agent> {
 }
 
 #[derive(Clone)]
-struct Stream {
+pub(super) struct Stream {
     rng: Rng,
     last: Time,
 }
@@ -58,7 +58,18 @@ struct Stream {
 impl Stream {
     /// Returns the streams of this number in both directions.
     fn both(seed: u64, name: &'static str, number: usize) -> [Stream; 2] {
-        [0, 1].map(|way| Stream { rng: Rng::named(seed, name, (2 * number + way) as u64), last: Time::ZERO })
+        [0, 1].map(|way| Stream { rng: Stream::random(seed, name, number, way), last: Time::ZERO })
+    }
+    fn random(seed: u64, name: &'static str, number: usize, way: usize) -> Rng {
+        Rng::named(seed, name, (2 * number + way) as u64)
+    }
+    /// Lets all streams draw from another seed. Messages still arrive in order.
+    pub fn renew(all: &mut [[Stream; 2]], seed: u64, name: &'static str) {
+        for (number, both) in all.iter_mut().enumerate() {
+            for (way, stream) in both.iter_mut().enumerate() {
+                stream.rng = Stream::random(seed, name, number, way);
+            }
+        }
     }
 }
 
@@ -79,7 +90,7 @@ pub type Crossings = BTreeMap<(HostId, HostId), Crossed>;
 pub(super) struct HostStreams {
     pub hosts: Arc<Hosts>,
     /// For each host the streams to the controller and from it.
-    streams: Vec<[Stream; 2]>,
+    pub streams: Vec<[Stream; 2]>,
     crossings: Crossings,
 }
 
@@ -127,7 +138,7 @@ pub struct ControlCounts {
 pub(super) struct ControlStreams {
     link: ControllerLink,
     /// For each module the streams to the controller and from it.
-    streams: Vec<[Stream; 2]>,
+    pub streams: Vec<[Stream; 2]>,
 }
 
 impl ControlStreams {

@@ -42,6 +42,8 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             findings: self.findings.clone(),
             next_audit: self.next_audit,
             instant: self.instant,
+            changes: self.changes.clone(),
+            births: self.births,
             finished: self.finished,
             audited: self.audited,
             log: None,

@@ -22,6 +22,7 @@ use metamorph_protocol::wire::{Wire, WireError};
 use metamorph_scenario::Plan;
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::port::DirectorPort;
+use metamorph_sim_bridge::kernel::change::{Change, ChangeKind, NoChange};
 use metamorph_sim_bridge::kernel::recording;
 use metamorph_sim_bridge::kernel::state::{Held, agents_hash, world_hash};
 use metamorph_sim_bridge::world::World;
@@ -92,6 +93,8 @@ pub struct Engine<'a, R: Runnable> {
     torn: bool,
     /// True if there are no records of agents.
     alone: bool,
+    /// The seed of agents that start from now on.
+    births: u64,
     done: Done,
     ended: Option<(String, Tally)>,
 }
@@ -110,6 +113,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
             struck: 0,
             torn: false,
             alone: false,
+            births: plan.seed,
             done: Done::default(),
             ended: None,
         }
@@ -180,7 +184,7 @@ impl<'a, R: Runnable> Engine<'a, R> {
         let key = (id, incarnation);
         match &record.event {
             Event::Born { place } => {
-                let (place, seed, born) = (read(place)?, self.plan.seed, record.at);
+                let (place, seed, born) = (read(place)?, self.births, record.at);
                 let birth = Birth { id, incarnation, place, seed, born };
                 let now = self.link.clock(id).local(born);
                 let replayed = self.incarnations.entry(key).or_default();
@@ -334,10 +338,30 @@ impl<'a, R: Runnable> Engine<'a, R> {
             }
             Event::Counted { id, incarnation, tally } => self.compare_counts(*id, *incarnation, tally)?,
             Event::Ended { outcome, tally } => self.end(outcome, tally)?,
+            Event::Changed { change } => self.change(change)?,
             // Found by audits, which are not repeated.
             Event::Violated { .. } | Event::Resumed => {}
             Event::Torn => self.torn = true,
             other => return Err(format!("{other:?} is not an event of the controller")),
+        }
+        Ok(())
+    }
+
+    /// Carries out a change of the run; those of links have no effect on a replay.
+    fn change(&mut self, text: &str) -> Result<(), String> {
+        let change: Change = text.parse().map_err(|e: NoChange| e.to_string())?;
+        match (change.kind, change.seed(self.plan.seed)) {
+            (ChangeKind::Rescue(level), _) => self.director.set_rescue(level),
+            (ChangeKind::All(_), Some(seed)) => {
+                self.births = seed;
+                for (id, incarnation) in &self.current {
+                    let replayed = self.incarnations.get_mut(&(*id, *incarnation)).filter(|l| !l.died);
+                    replayed.and_then(|l| l.agent.as_mut()).into_iter().for_each(|agent| agent.reseed(seed));
+                }
+                self.world.reseed(seed);
+                self.director.reseed(seed);
+            }
+            _ => {}
         }
         Ok(())
     }
