@@ -201,3 +201,52 @@ fn other_files_and_old_journals_are_refused_and_no_file_is_written() {
     let ran = run(&["export", "/nowhere/run.journal", "--mcap", target]);
     assert!(ran.code == Some(2) && ran.err.contains("/nowhere/run.journal") && !out.exists(), "{ran:?}");
 }
+
+/// A log for ShiViz: each module counts its inputs, and an input that is a message knows what its sender knew.
+#[test]
+fn a_log_for_shiviz_has_vector_clocks() {
+    let dir = TempDir::new().unwrap();
+    let path = |name: &str| dir.path().join(name).display().to_string();
+    let journal = path("run.journal");
+    run(&["run", "box", "--link", "sim", "--quiet", "--journal", &journal, "--restart", "2@20s"]);
+    let written = run(&["export", &journal, "--shiviz", &path("run.log")]);
+    assert_eq!(written.code, Some(0), "{written:?}");
+    let text = fs::read_to_string(path("run.log")).unwrap();
+    let mut lines = text.lines();
+    let expression = lines.next().unwrap();
+    assert!(["event", "host", "clock"].iter().all(|group| expression.contains(&format!("(?<{group}>"))));
+    assert_eq!(lines.next(), Some(""), "there is one run");
+    let lines: Vec<&str> = lines.collect();
+    let mut clocks: BTreeMap<String, BTreeMap<String, u64>> = BTreeMap::new();
+    let mut heard = 0;
+    for entry in lines.chunks(2) {
+        let [what, clock] = entry else { panic!("{entry:?}") };
+        let (host, clock) = clock.split_once(' ').unwrap();
+        let clock: BTreeMap<String, u64> = serde_json::from_str(clock).unwrap();
+        let before = clocks.insert(host.to_owned(), clock.clone()).unwrap_or_default();
+        assert_eq!(clock[host], before.get(host).copied().unwrap_or(0) + 1, "{what}");
+        assert!(before.iter().all(|(other, n)| clock[other] >= *n), "{what}");
+        // Never more than the others have counted themselves.
+        assert!(clock.iter().all(|(other, n)| clocks[other][other] >= *n), "{what}");
+        if let Some((_, rest)) = what.split_once("hears from ") {
+            let sender = format!("module-{}", rest.split(':').next().unwrap());
+            let is_known =
+                clock.keys().any(|known| *known == sender || known.starts_with(&format!("{sender}.")));
+            assert!(is_known, "{what}: {clock:?}");
+            heard += 1;
+        }
+    }
+    let hosts: BTreeSet<&str> = clocks.keys().map(String::as_str).collect();
+    assert_eq!(hosts, BTreeSet::from(["module-0", "module-1", "module-2", "module-2.1", "module-3"]));
+    assert!(heard > 100, "{heard} messages");
+    // A part of the run counts from its beginning.
+    run(&["export", &journal, "--shiviz", &path("part.log"), "--during", "30s..40s"]);
+    let part = fs::read_to_string(path("part.log")).unwrap();
+    assert!(part.len() < text.len() / 2 && part.lines().nth(2).unwrap().starts_with("30."), "{part}");
+    for (window, why) in
+        [("5000s..6000s", "no agent took an input then"), ("5s..4s", "must be later"), ("5s", "two times")]
+    {
+        let refused = run(&["export", &journal, "--shiviz", &path("none.log"), "--during", window]);
+        assert!(refused.code == Some(2) && refused.err.contains(why), "{window}: {refused:?}");
+    }
+}

@@ -66,6 +66,7 @@ const OPTIONS: [(&str, &[&str]); 30] = [
         &[
             "[{ after = 40, reseed = { all = 3 } }, { after = 300, reseed = { links = 7 } }]",
             "[{ after = 0, reseed = { links = 7 } }, { after = 500, reseed = { all = 9 } }, { after = 900, rescue = 'off' }]",
+            "[{ after = 90, lose = '0.0.3' }, { after = 200, sleep = { module = 1, for = '2s' } }]",
         ],
     ),
     ("stop.timeout", &["20s"]),

@@ -89,6 +89,12 @@ reseed = { links = 17 }
 [[change]]
 after = 6
 rescue = "off"
+[[change]]
+after = 7
+lose = "7.0.213"
+[[change]]
+after = 8
+sleep = { module = 7, for = "1s" }
 [controller]
 rescue = "calls"
 [process]
@@ -306,6 +312,7 @@ fn tables() -> Vec<(&'static str, &'static str, &'static str, Vec<&'static str>)
         (CUBES, "link.between_hosts.pair.0.", "host-pair", vec![]),
         (CUBES, "change.0.", "change", vec![]),
         (CUBES, "change.0.reseed.", "reseed", vec![]),
+        (CUBES, "change.3.sleep.", "sleep", vec![]),
         (CUBES, "controller.", "controller", vec![]),
         (CUBES, "process.", "process", vec![]),
         (CUBES, "stop.", "stop", vec![]),

@@ -1,9 +1,10 @@
 //! Copies of simulated runs: a copy and its origin take the same events, whenever it was made, until one of them is disturbed.
 #![allow(clippy::unwrap_used, reason = "a panic fails the test")]
 
-use metamorph_protocol::ids::ModuleId;
+use metamorph_protocol::ids::{Incarnation, ModuleId};
+use metamorph_protocol::record::MessageName;
 use metamorph_protocol::rng::Rng;
-use metamorph_protocol::time::Time;
+use metamorph_protocol::time::{Span, Time};
 use metamorph_sim_bridge::kernel::change::ChangeKind;
 use metamorph_tests::command::scenario;
 use metamorph_world_controller::experiments::explore::draw::draw;
@@ -109,7 +110,11 @@ fn reseeded(plan: &Plan, what: &str) -> usize {
     let mut ends = BTreeSet::new();
     for at in at {
         while origin.events() < at && origin.step() {}
-        for kind in [ChangeKind::Links(1), ChangeKind::All(1), ChangeKind::Links(2)] {
+        let id = ModuleId(random.below(plan.swarm.len() as u64) as u32);
+        let number = random.below(40) as u32;
+        let lost = MessageName { from: id, incarnation: Incarnation(0), number };
+        let kinds = [ChangeKind::Links(1), ChangeKind::All(1), ChangeKind::Links(2)];
+        for kind in kinds.into_iter().chain([ChangeKind::Lose(lost), ChangeKind::Sleep(id, Span::secs(1))]) {
             ends.insert(reseeding_is_a_change(plan, &*origin, kind, what));
         }
     }
@@ -131,6 +136,28 @@ fn reseeded_copies_are_runs_of_their_changes() {
             .sum();
         assert!(differ as u64 > DRAWN, "{}: {differ} copies differ", family.name());
     }
+}
+
+/// A message that is withheld is counted as lost, once; a process that sleeps handles everything afterwards.
+#[test]
+fn a_message_can_be_lost_and_a_process_can_sleep() {
+    let plan = plan("swarm.toml");
+    let lost = |change: &str| {
+        let mut changed = plan.clone();
+        changed.add_change(change.parse().unwrap());
+        let mut run = begin(&changed);
+        // Before anything that the change could bring about.
+        run.run_until(Time(60_000_000));
+        let (mut whole, counts) = (begin(&plan), run.tally().total());
+        whole.run_until(Time(60_000_000));
+        let before = whole.tally().total();
+        (counts.lost - before.lost, before.delivered as i64 - counts.delivered as i64)
+    };
+    assert_eq!(lost("lose=7.0.0@0"), (1, 1));
+    assert_eq!(lost("lose=7.0.4000000@0"), (0, 0));
+    let (lost_asleep, late) = lost("sleep=7/50ms@0");
+    assert_eq!(lost_asleep, 0);
+    assert!(late >= 0);
 }
 
 /// A copy of a copy, each reseeded, is the run of two changes.

@@ -5,7 +5,7 @@ use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::rescue::Rescue;
 use metamorph_tests::command::{run, scenario};
 use metamorph_world_controller::experiments::why::answer::{Answer, PointReport};
-use metamorph_world_controller::experiments::why::{Request, WhyError, answer};
+use metamorph_world_controller::experiments::why::{WhyError, WhyRequest, answer};
 use metamorph_world_controller::family::{begin, read_file, read_text};
 use metamorph_world_controller::scenario::settings::Setting;
 use metamorph_world_controller::scenario::{LinkKind, Overrides, Plan};
@@ -39,7 +39,7 @@ fn chair(strategy: &str, seed: u64) -> Plan {
 }
 
 fn ask(plan: &Plan, jobs: usize, standstill: Option<usize>) -> Result<Answer, WhyError> {
-    let request = Request {
+    let request = WhyRequest {
         plan: plan.clone(),
         standstill,
         rescue: plan.swarm.has_rescue().then_some(Rescue::Off),
@@ -88,6 +88,15 @@ fn an_instant_is_found_and_its_futures_can_be_repeated() {
     );
     let shares = shares(&found);
     assert!(shares[0] > 0.2 && shares[shares.len() - 1] == 0.0, "{shares:?}");
+    let decisions = found.decisions.as_ref().unwrap();
+    assert!(!decisions.is_empty() && found.withheld as usize >= decisions.len(), "{found:?}");
+    for decision in decisions {
+        assert!(decision.p <= 0.05 && decision.after.share.rate > 0.4, "{decision:?}");
+        let mut plan = plan.clone();
+        plan.add_change(decision.change.parse().unwrap());
+        let (outcome, _) = future(&plan, decision.after.repeat_yes.as_ref().unwrap());
+        assert_eq!(outcome, Outcome::Built, "{decision:?}");
+    }
     for (options, is_built) in
         [(&before.repeat_yes, true), (&before.repeat_no, false), (&after.repeat_no, false)]
     {
@@ -123,6 +132,9 @@ fn a_broken_invariant_is_decided_before_it_breaks() {
     assert_eq!((found.end.as_str(), found.sought.as_str()), ("unsafe", "body-connected"));
     let [before, after] = ends(&found);
     assert!(before.share.rate < after.share.rate && after.at_s < found.since_s, "{before:?} {after:?}");
+    // A module that another one relied on leaves: the grant, or an input that it follows from.
+    let decisions = found.decisions.as_ref().unwrap();
+    assert!(decisions.iter().all(|d| d.after.share.rate < after.share.rate), "{decisions:?}");
     let shares = shares(&found);
     assert!(shares[0] < 0.1 && shares[shares.len() - 1] > 0.9, "{shares:?}");
     for (options, is_safe) in [(&after.repeat_yes, false), (&before.repeat_no, true)] {
@@ -164,6 +176,8 @@ fn the_command_explains_scenarios_and_journals() {
         (&["why", "box", "--standstill", "1"], "--standstill 1: the run never stood still"),
         (&["why", &journal, "--loss", "5%"], "--loss: a journal holds a run that is over"),
         (&["why", "chair", "--change", "links=7"], "`links=7` is not of the form KIND=VALUE@EVENTS"),
+        (&["check", "box", "--link", "sim", "--change", "sleep=4/1s@9"], "there is no module 4"),
+        (&["check", "box", "--link", "sim", "--change", "lose=4.0@9"], "`lose=4.0@9` is not of the form"),
         (
             &["run", "box", "--link", "ipc", "--change", "all=7@9"],
             "a change at an event in a run of processes",

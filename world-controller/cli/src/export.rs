@@ -18,6 +18,7 @@ use metamorph_view::export::commands::export_commands;
 use metamorph_view::export::csv::Tables;
 use metamorph_view::export::export;
 use metamorph_view::export::sdf::sdf;
+use metamorph_view::export::shiviz::export_shiviz;
 use metamorph_view::export::structure::{Measures, NotConnected, Structure};
 use metamorph_view::export::urdf::urdf;
 use metamorph_view::export::{ExportArgs, Links};
@@ -136,12 +137,16 @@ Examples:
   metamorph export run.journal --mcap run.mcap
   metamorph export run.journal --mcap run.mcap --schema ros2
   metamorph export run.journal --csv tables
+  metamorph export run.journal --shiviz run.log --during 50s..60s
   metamorph export run.journal --at 50% --urdf half.urdf
   metamorph export run.journal --sdf end.sdf --cell 0.05 --mass 0.2
 
 The recording has Foxglove's SceneUpdate on /modules and Log on /log. Open it in Foxglove or in Lichtblick
 and show /modules in a 3D panel whose frame is `world`. With --schema ros2 it has MarkerArray on
 /modules, TFMessage on /tf and Log on /rosout.
+
+A log for ShiViz (https://bestchai.bitbucket.io/shiviz) has a line for each module and an arrow for each
+message; incarnations after the first are modules of their own.
 
 A structure is in metres, kilograms and radians with z up. URDF has a tree of connections and names how
 many are left out; SDF has all of them.
@@ -162,7 +167,10 @@ fn execute(args: &ExportArgs, interrupt: &Interrupt) -> Result<u8, Failure> {
             write_tables(&args.journal, &Tables::new(directory, &mut Outputs::new())?)?;
             format!("{}: modules.csv, time.csv and latency.csv\n", directory.shown())
         }
-        (None, None, None, None, None) => unreachable!("invariant: clap asks for one of them"),
+        (None, None, None, None, None) => {
+            let file = args.shiviz.as_ref().expect("invariant: clap asks for one of them");
+            export_shiviz(args, file, families(), |plan, step| family::of(plan).brief(plan, step))?
+        }
     };
     print_out(&said);
     Ok(0)

@@ -50,7 +50,8 @@ pub struct ChangeArgs {
     #[arg(long, value_name = "P", help = left_out("Probability that a message is overtaken by later ones", NEVER), allow_hyphen_values = true)]
     pub reorder: Option<String>,
     /// Change a simulated run after so many of its events: other random numbers from there on, of links only or of all that draws
-    /// (links=N@EVENTS, all=N@EVENTS), or another level of rescue (rescue=LEVEL@EVENTS); see [[change]] (repeatable)
+    /// (links=N@EVENTS, all=N@EVENTS), another level of rescue (rescue=LEVEL@EVENTS), a message that is lost (lose=MESSAGE@EVENTS) or
+    /// a process that sleeps (sleep=ID/T@EVENTS); see [[change]] (repeatable)
     #[arg(long, value_name = "KIND=VALUE@EVENTS", allow_hyphen_values = true)]
     pub change: Vec<String>,
     /// Set a value in the scenario, for example link.loss=5% or goal.0.growth=solid (repeatable)

@@ -4,7 +4,7 @@ use crate::runs;
 use crate::scenario_args::{SimulatedArgs, jobs, real_time};
 use clap::Args;
 use metamorph_console::command::{CommandOf, Group};
-use metamorph_experiments::why::{Request, why as answer};
+use metamorph_experiments::why::{WhyRequest, why as answer};
 use metamorph_processes::family::{self, families};
 use metamorph_processes::record::journal::{Event, Journal, JournalFailure, plan_of};
 use metamorph_scenario::shipped::is_scenario;
@@ -118,7 +118,7 @@ fn why(args: WhyArgs) -> Result<u8, Failure> {
         recorded(&args.file)?
     };
     let rescue = args.simulated.changes.rescue.is_none().then_some(Rescue::Off);
-    Ok(answer(&Request {
+    Ok(answer(&WhyRequest {
         // A swarm that is not helped has the same futures with and without the change.
         rescue: rescue.filter(|_| plan.swarm.has_rescue() && plan.rescue != Rescue::Off),
         plan,

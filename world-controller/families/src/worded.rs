@@ -4,10 +4,12 @@
 use crate::visible::Visible;
 use metamorph_protocol::agent::Summary;
 use metamorph_protocol::agent::{Input, InputOf};
+use metamorph_protocol::counters::Class;
 use metamorph_protocol::ids::{Incarnation, ModuleId};
 use metamorph_protocol::record::{Blob, Consumed, Emitted, Event, Record, Step};
 use metamorph_protocol::time::Time;
 use metamorph_protocol::wire::{Wire, WireError};
+use metamorph_text::format::listed;
 use std::fmt::Write;
 
 /// Agents whose inputs and outputs have a description.
@@ -46,6 +48,29 @@ pub fn tell<A: Worded>(out: &mut String, setup: &A::Setup, record: &Record, inca
         Event::Step(step) => write_step::<A>(out, setup, record.at, step),
         _ => Ok(()),
     };
+}
+
+/// Describes an input and what followed in one line, without the time; `None` for a wake-up without effect.
+pub fn brief<A: Worded>(setup: &A::Setup, step: &Step) -> Option<String> {
+    if is_idle(step) {
+        return None;
+    }
+    let mut parts = vec![match input(&step.input) {
+        Ok(taken) => taking::<A>(setup, &step.input, taken),
+        Err(why) => why,
+    }];
+    for class in Class::ALL {
+        let to: Vec<u32> =
+            step.sent.iter().filter(|s| s.class == class).filter_map(|s| Some(s.to?.0)).collect();
+        if !to.is_empty() {
+            parts.push(format!("sends {class} to {}", listed(&to, to.len())));
+        }
+    }
+    parts.extend(step.told.iter().filter_map(|said| match said {
+        Emitted::Act { action, .. } => Some(format!("asks its body to {}", told(action, A::action))),
+        Emitted::Report(_) => None,
+    }));
+    Some(parts.join("; "))
 }
 
 fn is_idle(step: &Step) -> bool {

@@ -19,7 +19,7 @@ use metamorph_families::worded::{self, Worded};
 use metamorph_families::{self as families_of_runs, TooLate, with_all_parts};
 use metamorph_module_agent::process::args::ArgsError;
 use metamorph_module_agent::{AgentArgs, AgentError};
-use metamorph_protocol::record::{Record, Sink, Who};
+use metamorph_protocol::record::{Record, Sink, Step, Who};
 use metamorph_report::progress;
 use metamorph_report::run_result::RunResult;
 use metamorph_report::schema::Report;
@@ -33,6 +33,7 @@ use metamorph_sim_bridge::director::progress::Progress;
 use metamorph_sim_bridge::kernel::recording::Log;
 use metamorph_text::command_error::{CommandError, FAILED};
 use metamorph_text::sources::Sources;
+use std::collections::VecDeque;
 use std::ffi::OsString;
 use std::path::Path;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -68,6 +69,8 @@ pub trait Family: families_of_runs::Family {
     fn replay(&self, plan: &Plan, journal: &mut Journal, request: &Request) -> Replayed;
     /// Describes records of agents, in their order.
     fn told(&self, plan: &Plan, records: &[Record]) -> String;
+    /// Describes an input of an agent in one line; `None` for a wake-up without effect.
+    fn brief(&self, plan: &Plan, step: &Step) -> Option<String>;
     /// Runs one agent until its controller stops it or is gone.
     fn agent(&self, args: &AgentArgs) -> Result<(), AgentError>;
 }
@@ -102,6 +105,9 @@ where
             }
         }
         text
+    }
+    fn brief(&self, plan: &Plan, step: &Step) -> Option<String> {
+        worded::brief::<AgentOf<F::Swarm>>(plan.swarm.own::<F::Swarm>().setup(), step)
     }
     fn agent(&self, args: &AgentArgs) -> Result<(), AgentError> {
         metamorph_module_agent::run::<AgentOf<F::Swarm>>(args)
@@ -229,18 +235,30 @@ impl Sink for Kept {
     fn commit(&mut self) {}
 }
 
-/// Describes the inputs of agents in the event of a simulated run that follows this many others.
-pub fn told(plan: &Plan, events: u64) -> String {
+/// Describes records of agents of a run, in their order.
+pub fn told(plan: &Plan, records: &[Record]) -> String {
+    of(plan).told(plan, records)
+}
+
+/// Returns the records of the last `window` of so many events of a simulated run, each with the number of events before it.
+pub fn recorded_events(plan: &Plan, events: u64, window: usize) -> VecDeque<(u64, Vec<Record>)> {
     let kept = Arc::new(Mutex::new(Kept::default()));
     let log = Log::new(Arc::clone(&kept));
     let mut run = metamorph_runs::begin(plan, RealMachine::since(Stopwatch::start()), Some(log));
     let take = || std::mem::take(&mut kept.lock().unwrap_or_else(PoisonError::into_inner).0);
-    while run.events() < events && run.step() {
-        take();
-    }
     take();
-    run.step();
-    of(plan).told(plan, &take())
+    let mut last = VecDeque::with_capacity(window.min(1 << 16));
+    while run.events() < events {
+        let before = run.events();
+        if !run.step() {
+            break;
+        }
+        if last.len() == window {
+            last.pop_front();
+        }
+        last.push_back((before, take()));
+    }
+    last
 }
 
 /// Simulates a plan to its end, or until interrupted, with a progress line. `since` was started with the

@@ -1,12 +1,15 @@
 //! `[[change]]`: changes of a simulated run at its events.
 
 use super::LinkKind;
-use super::definitions::{Definitions, names, natural, of, one_of_its_keys, said, table};
+use super::definitions::{Definitions, names, natural, of, one_of_its_keys, said, table, text};
 use super::diagnostics::{At, Diagnostics, Place};
 use super::error::ScenarioError;
 use super::rescue::LEVELS;
 use super::table::{Node, Section, elements};
-use metamorph_kernel::kernel::change::{Change, ChangeKind};
+use metamorph_core::ids::ModuleId;
+use metamorph_core::record::MessageName;
+use metamorph_core::time::Span;
+use metamorph_kernel::kernel::change::{Change, ChangeKind, message};
 use serde_json::json;
 
 /// Largest number of changes.
@@ -14,9 +17,12 @@ const MAX_CHANGES: usize = 256;
 /// The form of the option.
 pub const FORM: &str = "KIND=VALUE@EVENTS";
 const EXAMPLE: &str = "after = 48213\n    reseed = { links = 17 }";
+const SLEEP: &str = "sleep = { module = 7, for = \"1s\" }";
+/// The form of the name of a message.
+pub const MESSAGE: &str = "MODULE.INCARNATION.NUMBER";
 const RESEED: &str = "reseed = { links = 17 }";
 /// The kinds of change, as written.
-const KINDS: [&str; 2] = ["reseed", "rescue"];
+const KINDS: [&str; 4] = ["reseed", "rescue", "lose", "sleep"];
 /// The streams that may be reseeded, as written.
 const STREAMS: [&str; 2] = ["links", "all"];
 
@@ -37,10 +43,33 @@ fn read_one(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<At<Change>
     let after = section.need::<u64>("after", "after = 48213", diagnostics);
     let kinds = section.present(&KINDS);
     let rescue = section.choice("rescue", "rescue", &LEVELS, diagnostics).map(ChangeKind::Rescue);
+    let lose = section.get::<String>("lose", diagnostics).and_then(|text| read_lost(&text, diagnostics));
+    let sleep = section.node("sleep").and_then(|node| read_sleep(node, diagnostics));
     let reseed = section.node("reseed").and_then(|node| read_reseed(node, diagnostics));
     section.finish(diagnostics);
     must_be_one(&kinds, node, diagnostics)?;
-    Some(At { value: Change { after: after?.value, kind: reseed.or(rescue)? }, place: node.span().into() })
+    Some(At {
+        value: Change { after: after?.value, kind: reseed.or(rescue).or(lose).or(sleep)? },
+        place: node.span().into(),
+    })
+}
+
+fn read_lost(text: &At<String>, diagnostics: &mut Diagnostics) -> Option<ChangeKind> {
+    let name = message(&text.value);
+    if name.is_none() {
+        let error = ScenarioError::Form(text.value.clone(), MESSAGE);
+        diagnostics.add(text.place.clone(), error);
+    }
+    name.map(ChangeKind::Lose)
+}
+
+fn read_sleep(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<ChangeKind> {
+    let mut section = Section::of(node, "sleep", SLEEP, diagnostics)?;
+    let module = section.need::<u64>("module", "module = 7", diagnostics);
+    let span = section.need::<Span>("for", "for = \"1s\"", diagnostics);
+    section.finish(diagnostics);
+    // A module that the swarm does not have is refused with the swarm.
+    Some(ChangeKind::Sleep(ModuleId(u32::try_from(module?.value).unwrap_or(u32::MAX)), span?.value))
 }
 
 fn read_reseed(node: &Node<'_>, diagnostics: &mut Diagnostics) -> Option<ChangeKind> {
@@ -76,8 +105,17 @@ pub fn read_option(text: &str, diagnostics: &mut Diagnostics) -> Option<At<Chang
     }
 }
 
-/// Refuses changes of a run of processes: its events have no numbers.
-pub fn check(changes: &[At<Change>], link: LinkKind, diagnostics: &mut Diagnostics) {
+/// Refuses changes of modules that the swarm does not have, and changes of a run of processes: its events have no numbers.
+pub fn check(changes: &[At<Change>], link: LinkKind, modules: usize, diagnostics: &mut Diagnostics) {
+    for At { value, place } in changes {
+        let (ChangeKind::Lose(MessageName { from: id, .. }) | ChangeKind::Sleep(id, _)) = value.kind else {
+            continue;
+        };
+        if id.index() >= modules && modules > 0 {
+            let (module, last) = (id.0.into(), modules - 1);
+            diagnostics.add(place.clone(), ScenarioError::NoSuchModule { module, last });
+        }
+    }
     if let Some(first) = changes.first().filter(|_| link == LinkKind::Ipc) {
         let what = "a change at an event in a run of processes".to_owned();
         let instead = "simulate it with `--link sim`, or remove the change";
@@ -97,9 +135,20 @@ pub fn schema() -> Definitions {
     let change = json!({
         "after": said("The number of events of the simulator before it.", natural()),
         "reseed": said("Other random numbers from there on, selected by a number. If left out, the same.", of("reseed")),
+        "lose": said(
+            "The message that does not arrive, such as 7.0.213: its sender, the incarnation of that, and the number among its messages. If \
+             left out, none.",
+            text(),
+        ),
+        "sleep": said("The process that does not run for a while; what it should handle waits. If left out, none.", of("sleep")),
         "rescue": said("How far the controller helps a swarm that stands still from there on. If left out, as before.", names(&LEVELS.map(|(name, _)| name))),
     });
     let about = "A change of a simulated run at one of its events. It has one kind.";
     let reseed = one_of_its_keys(table("Other random numbers; one of these.", &[], reseed));
-    vec![("reseed", reseed), ("change", table(about, &["after"], change))]
+    let sleep = json!({
+        "module": said("The module.", natural()),
+        "for": said("For how long.", of("time")),
+    });
+    let sleep = table("A process that does not run for a while.", &["module", "for"], sleep);
+    vec![("reseed", reseed), ("sleep", sleep), ("change", table(about, &["after"], change))]
 }

@@ -391,6 +391,7 @@ fn option_example(form: &str) -> &'static str {
         "T..T" => "0s..60s",
         "KEY=VALUE" => "link.loss=5%",
         changes::FORM => "links=17@48213",
+        changes::MESSAGE => "7.0.213",
         _ => "3@2s",
     }
 }

@@ -76,7 +76,7 @@ pub fn make(raw: &Raw, overrides: &Overrides, diagnostics: &mut Diagnostics) -> 
         stop.planned_until = ends.max().unwrap_or(Time::ZERO).min(stop.timeout);
     }
     swarm.check_end(stop.timeout.since(Time::ZERO), diagnostics);
-    changes::check(&raw.changes, overrides.link, diagnostics);
+    changes::check(&raw.changes, overrides.link, draft.modules, diagnostics);
     let operator = raw.operator.as_ref().map(|operator| operator.compile(diagnostics));
     let time_scale = time_scale(raw, diagnostics);
     if !diagnostics.is_empty() {

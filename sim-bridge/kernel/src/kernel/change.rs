@@ -1,10 +1,14 @@
-//! Changes of a simulated run at one of its events: other random numbers from there on, or another level of rescue.
+//! Changes of a simulated run at one of its events: other random numbers from there on, another level of rescue, a message that is
+//! lost, a process that sleeps.
 //!
 //! Scenario, seed and changes together determine a run. A copy of a run that is changed is therefore the run of a scenario with
 //! that change, which can be carried out from its start.
 
 use crate::director::rescue::Rescue;
+use metamorph_core::ids::{Incarnation, ModuleId};
+use metamorph_core::record::MessageName;
 use metamorph_core::rng::Rng;
+use metamorph_core::time::Span;
 use std::fmt;
 use std::str::FromStr;
 use thiserror::Error;
@@ -29,6 +33,10 @@ pub enum ChangeKind {
     All(u64),
     /// The controller helps a swarm that stands still as far as this.
     Rescue(Rescue),
+    /// A message does not arrive: one that is under way, or will be sent.
+    Lose(MessageName),
+    /// The process of a module does not run for so long; what it should handle waits.
+    Sleep(ModuleId, Span),
 }
 
 impl Change {
@@ -40,6 +48,16 @@ impl Change {
     }
 }
 
+/// Reads the name of a message, such as `7.0.213`: the sender, its incarnation, and the number among its messages.
+pub fn message(text: &str) -> Option<MessageName> {
+    let mut numbers = text.splitn(3, '.');
+    Some(MessageName {
+        from: ModuleId(numbers.next()?.parse().ok()?),
+        incarnation: Incarnation(numbers.next()?.parse().ok()?),
+        number: numbers.next()?.parse().ok()?,
+    })
+}
+
 /// The form of a change in options, journals and messages, such as `links=17@48213`.
 impl fmt::Display for Change {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -47,6 +65,10 @@ impl fmt::Display for Change {
             ChangeKind::Links(number) => write!(f, "links={number}"),
             ChangeKind::All(number) => write!(f, "all={number}"),
             ChangeKind::Rescue(level) => write!(f, "rescue={level}"),
+            ChangeKind::Lose(MessageName { from, incarnation, number }) => {
+                write!(f, "lose={from}.{incarnation}.{number}")
+            }
+            ChangeKind::Sleep(module, span) => write!(f, "sleep={module}/{span}"),
         }?;
         write!(f, "@{}", self.after)
     }
@@ -67,6 +89,11 @@ impl FromStr for Change {
             let kind = match name {
                 "links" => ChangeKind::Links(value.parse().ok()?),
                 "all" => ChangeKind::All(value.parse().ok()?),
+                "lose" => ChangeKind::Lose(message(value)?),
+                "sleep" => {
+                    let (module, span) = value.split_once('/')?;
+                    ChangeKind::Sleep(ModuleId(module.parse().ok()?), span.parse().ok()?)
+                }
                 "rescue" => ChangeKind::Rescue(Rescue::ALL.into_iter().find(|level| level.name() == value)?),
                 _ => return None,
             };
@@ -82,10 +109,21 @@ mod tests {
 
     #[test]
     fn a_change_reads_as_it_is_written() {
-        for text in ["links=17@48213", "all=0@0", "rescue=off@9"] {
+        for text in ["links=17@48213", "all=0@0", "rescue=off@9", "lose=7.0.213@5", "sleep=7/1s@5"] {
             assert_eq!(text.parse::<Change>().unwrap().to_string(), text);
         }
-        for text in ["", "links=17", "links@17", "links=-1@3", "rescue=more@3", "seed=1@2", "all=1@x"] {
+        for text in [
+            "",
+            "links=17",
+            "links@17",
+            "links=-1@3",
+            "rescue=more@3",
+            "seed=1@2",
+            "all=1@x",
+            "lose=7.0@5",
+            "lose=7.0.1.2@5",
+            "sleep=7@5",
+        ] {
             assert_eq!(text.parse::<Change>(), Err(NoChange(text.to_owned())), "{text}");
         }
     }

@@ -70,6 +70,8 @@ enum Event {
     /// A message arrives; its index in the slab.
     Arrive(u32),
     Wake(ModuleId),
+    /// The sleep of a process ends.
+    Awake(ModuleId),
     /// A message between an agent and the controller arrives; the index in its slab.
     Posted(u32),
 }
@@ -302,7 +304,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             let events = coming.iter().skip(from).take(AT_HAND);
             events.filter_map(|e| match e.what {
                 Event::Arrive(index) => self.parcels.get(index as usize),
-                Event::Wake(_) | Event::Posted(_) => None,
+                Event::Wake(_) | Event::Posted(_) | Event::Awake(_) => None,
             })
         };
         let mut read = 0;
@@ -340,6 +342,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
                 self.arrive(parcel);
             }
             Event::Posted(index) => self.posted_arrives(index),
+            Event::Awake(id) => self.awake(id),
         }
         self.settle();
     }
@@ -370,6 +373,11 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
             self.tally[class].expired += 1;
             return;
         }
+        let name = |c: Contact| MessageName { from: c.peer, incarnation: c.peer_incarnation, number };
+        if self.changes.loses(|| contact.map(name)) {
+            self.tally[class].lost += 1;
+            return;
+        }
         self.findings.checked += 1;
         if let Err(what) = invariants::session_current(session, current) {
             self.findings.note(Violation { invariant: SESSION_CURRENT, at: self.now, what });
@@ -378,7 +386,6 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         self.latencies[class].record(self.now.since(sent));
         self.trace.event(self.now, 1, to.0, u64::from(session.0) << 8 | u64::from(message.kind()));
         let input = Input::Message { port, message };
-        let name = |c: Contact| MessageName { from: c.peer, incarnation: c.peer_incarnation, number };
         self.feed_heard(to, input, contact.map(|c| (name(c), class)));
     }
 
@@ -518,6 +525,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
                 }
             }
             Command::Pause(id) => {
+                self.changes.wakes_no_longer(id);
                 let module = &mut self.modules[id.index()];
                 if module.is_alive() {
                     module.process = Process::Stopped;

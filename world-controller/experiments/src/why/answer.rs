@@ -1,11 +1,14 @@
 //! The answer as JSON.
 
+use super::decision::{Decision, Withheld};
 use super::futures::{Point, Reseeded, Sought, Tally};
-use super::search::{Decided, Found};
+use super::search::{Decided, SearchResult};
 use super::start::{Cause, Start};
 use super::subject::Subject;
+use metamorph_processes::family::told;
 use metamorph_report::statistics::Rate;
 use metamorph_report::two_samples::{Difference, newcombe};
+use metamorph_scenario::Plan;
 use metamorph_sim_bridge::director::rescue::Rescue;
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -48,6 +51,10 @@ pub struct Answer {
     pub change: Option<ChangeReport>,
     /// The event of an instant, in words.
     pub event: Option<String>,
+    /// The inputs without which the run would have ended otherwise, the one with the largest effect first; `null` if that was not asked.
+    pub decisions: Option<Vec<DecisionReport>>,
+    /// Number of inputs that were withheld.
+    pub withheld: u64,
     /// What decides if the start does.
     pub start: Option<StartReport>,
     /// True if the budget ended before the search did.
@@ -71,6 +78,44 @@ pub struct PointReport {
     pub repeat_yes: Option<String>,
     /// The options that repeat the first future that does not; `null` if all do.
     pub repeat_no: Option<String>,
+}
+
+/// An input without which the run would have ended otherwise.
+#[derive(Debug, Serialize, JsonSchema)]
+pub struct DecisionReport {
+    /// The module that took it.
+    pub module: u32,
+    /// Its incarnation.
+    pub incarnation: u16,
+    /// The scenario time in seconds.
+    pub at_s: f64,
+    /// The change that withholds it: a message that is lost, or a process that sleeps.
+    pub change: String,
+    /// The input and what the agent did, in words.
+    pub input: String,
+    /// The run without it, at the instant, and its futures.
+    pub after: PointReport,
+    /// The probability of a difference as large by chance, adjusted for the number of inputs (Fisher 1922, Holm 1979).
+    pub p: f64,
+}
+
+impl DecisionReport {
+    fn of(
+        plan: &Plan,
+        Withheld { input, change, after, p }: &Withheld,
+        rescue: Option<Rescue>,
+    ) -> DecisionReport {
+        let (module, incarnation) = input.who();
+        DecisionReport {
+            module: module.0,
+            incarnation: incarnation.0,
+            at_s: input.at().as_secs_f64(),
+            change: change.to_string(),
+            input: told(plan, std::slice::from_ref(&input.record)),
+            after: PointReport::of(after, rescue),
+            p: *p,
+        }
+    }
 }
 
 /// A change of a share with its interval (Newcombe 1998, method 10).
@@ -128,9 +173,10 @@ impl Answer {
     /// Puts an answer together.
     pub fn new(
         subject: &Subject,
-        found: &Found,
+        found: &SearchResult,
         start: Option<Start>,
         event: Option<String>,
+        decision: Option<Decision>,
         rescue: Option<Rescue>,
     ) -> Answer {
         let ends = found.decided.ends();
@@ -161,6 +207,10 @@ impl Answer {
             before: ends.map(|(a, _)| point(a)),
             after: ends.map(|(_, b)| point(b)),
             change: change.map(|Difference { by, low, high }| ChangeReport { by, low, high }),
+            withheld: decision.as_ref().map_or(0, |decision| decision.withheld as u64),
+            decisions: decision.map(|decision| {
+                decision.named.iter().map(|one| DecisionReport::of(&subject.plan, one, rescue)).collect()
+            }),
             event,
             start: start.map(|start| StartReport {
                 cause: start.cause,

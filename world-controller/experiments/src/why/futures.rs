@@ -155,7 +155,7 @@ pub trait Oracle {
 
 /// The futures of a run, carried out on several threads.
 pub struct Futures<'a> {
-    plan: &'a Plan,
+    plan: Plan,
     /// When the end began.
     until: Time,
     question: &'a Question<'a>,
@@ -166,12 +166,12 @@ pub struct Futures<'a> {
 
 impl<'a> Futures<'a> {
     /// Creates the futures of a run of this plan.
-    pub fn new(plan: &'a Plan, until: Time, question: &'a Question<'a>, reseeded: Reseeded) -> Futures<'a> {
-        Futures { plan, until, question, reseeded, pasts: BTreeMap::new() }
+    pub fn new(plan: &Plan, until: Time, question: &'a Question<'a>, reseeded: Reseeded) -> Futures<'a> {
+        Futures { plan: plan.clone(), until, question, reseeded, pasts: BTreeMap::new() }
     }
 
     /// Keeps a copy of a run, and returns where it is.
-    fn keep(&mut self, run: &dyn SteppedRun) -> Point {
+    pub fn keep(&mut self, run: &dyn SteppedRun) -> Point {
         let (events, at) = (run.events(), run.now());
         if let Ok(copy) = run.fork() {
             self.pasts.insert(events, copy);
@@ -196,7 +196,7 @@ impl<'a> Futures<'a> {
 
 impl Oracle for Futures<'_> {
     fn points(&mut self, count: u64) -> Vec<Point> {
-        let mut run = begin(self.plan);
+        let mut run = begin(&self.plan);
         let mut points = vec![self.keep(&*run)];
         for i in 1..count {
             run.run_until(Time((u128::from(self.until.0) * u128::from(i) / u128::from(count - 1)) as u64));
@@ -209,7 +209,7 @@ impl Oracle for Futures<'_> {
 
     fn point(&mut self, events: u64) -> Point {
         let past = self.pasts.range(..=events).next_back().and_then(|(_, run)| run.fork().ok());
-        let mut run = past.unwrap_or_else(|| begin(self.plan));
+        let mut run = past.unwrap_or_else(|| begin(&self.plan));
         while run.events() < events && run.step() {}
         self.keep(&*run)
     }

@@ -3,13 +3,15 @@
 //! A simulated run is copied at points along its course, and each copy continues with other random numbers of its links. The share
 //! of such futures that are built falls to nothing along a run that ends in a standstill; where it falls most, the standstill was
 //! decided. `subject` carries the run out and says what is explained, `futures` counts futures, `search` finds the interval,
-//! `start` asks what of a start decides; `answer` is the result as JSON, `text` in words, `figure` as a picture.
+//! `start` asks what of a start decides, `decision` which inputs of the `past` do; `answer` is the result as JSON, `text` in words, `figure` as a picture.
 //!
 //! *Invariant.* The answer does not depend on the number of threads, and on the clock only if it says that it was cut short.
 
 pub mod answer;
+mod decision;
 mod figure;
 pub mod futures;
+mod past;
 mod search;
 pub mod start;
 mod subject;
@@ -37,7 +39,7 @@ use std::time::Duration;
 use thiserror::Error;
 
 /// The arguments of `metamorph why`.
-pub struct Request {
+pub struct WhyRequest {
     /// The run.
     pub plan: Plan,
     /// The number of the standstill to be explained, from 1; `None` for the end of the run.
@@ -106,7 +108,7 @@ impl CommandError for WhyError {
 ///
 /// # Errors
 /// The run was built, was stopped, or the answer cannot be written.
-pub fn why(request: &Request) -> Result<u8, WhyError> {
+pub fn why(request: &WhyRequest) -> Result<u8, WhyError> {
     let interrupt = Interrupt::listen().map_err(WhyError::Signals)?;
     interrupt.begin();
     let mut outputs = Outputs::new();
@@ -137,7 +139,7 @@ pub fn why(request: &Request) -> Result<u8, WhyError> {
 
 /// Returns the answer. `aborted` ends the run that is explained, `stop` the search.
 pub fn answer(
-    request: &Request,
+    request: &WhyRequest,
     aborted: &dyn Fn() -> bool,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Answer, WhyError> {
@@ -155,8 +157,16 @@ pub fn answer(
         _ => None,
     };
     let event = match &found.decided {
-        Decided::Instant(before, _) => Some(family::told(&subject.plan, before.events)),
+        Decided::Instant(before, _) => {
+            let records = family::recorded_events(&subject.plan, before.events + 1, 1);
+            Some(records.iter().map(|(_, records)| family::told(&subject.plan, records)).collect())
+        }
         _ => None,
     };
-    Ok(Answer::new(&subject, &found, start, event, request.rescue))
+    let decision = match found.is_cut_short {
+        false => decision::decide(&subject, &question, &found.decided),
+        true => None,
+    };
+    found.is_cut_short |= decision.as_ref().is_some_and(|decision| decision.is_cut_short);
+    Ok(Answer::new(&subject, &found, start, event, decision, request.rescue))
 }

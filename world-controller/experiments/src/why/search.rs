@@ -56,7 +56,7 @@ impl Direction {
 
 /// The result of a search.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Found {
+pub struct SearchResult {
     /// The points of the curve, in their order in time; the last is where the end began.
     pub curve: Vec<Point>,
     /// When the end was decided.
@@ -91,10 +91,10 @@ impl Decided {
 }
 
 /// Searches for the instant: a coarse curve, the interval with the largest change, its halves, and then the rest of the curve.
-pub fn search(oracle: &mut dyn Oracle, direction: Direction) -> Found {
+pub fn search(oracle: &mut dyn Oracle, direction: Direction) -> SearchResult {
     let curve = oracle.points(POINTS);
     let mut search = Search { oracle, direction };
-    let mut found = Found { curve, decided: Decided::Unknown, is_cut_short: true };
+    let mut found = SearchResult { curve, decided: Decided::Unknown, is_cut_short: true };
     let Ok(decided) = search.decide(&mut found.curve) else { return found };
     (found.decided, found.is_cut_short) = decided;
     // Points without enough futures are seen in their numbers.
@@ -263,7 +263,7 @@ mod tests {
         }
     }
 
-    fn found(seed: u64, direction: Direction, share: impl Fn(u64) -> f64) -> Found {
+    fn found(seed: u64, direction: Direction, share: impl Fn(u64) -> f64) -> SearchResult {
         let mut oracle = Drawn { share, events: 10_000, seed, left: u64::MAX };
         search(&mut oracle, direction)
     }

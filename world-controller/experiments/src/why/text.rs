@@ -1,9 +1,9 @@
 //! The answer in words.
 
-use super::answer::{Answer, PointReport, StartReport, StrategyReport};
+use super::answer::{Answer, DecisionReport, PointReport, StartReport, StrategyReport};
 use super::start::Cause;
 use metamorph_report::statistics::Rate;
-use metamorph_text::format::{count, percent, seconds};
+use metamorph_text::format::{count, many, percent, seconds};
 use metamorph_text::paint::Paint;
 use std::fmt::Write;
 
@@ -67,23 +67,23 @@ fn decided(answer: &Answer) -> String {
     };
     match (answer.decided, &answer.before, &answer.after) {
         ("instant", Some(before), Some(after)) => {
-            let mut sentence = format!(
+            let sentence = format!(
                 "decided at {}, by event {}: {}\n",
                 seconds(after.at_s),
                 count(after.events),
                 shares(before, after)
             );
-            if let Some(event) = &answer.event {
-                sentence += event;
-            }
-            sentence
+            sentence + answer.event.as_deref().unwrap_or_default() + &decisions(answer)
         }
-        ("stretch", Some(before), Some(after)) => format!(
-            "decided step by step between {} and {}, by no single event: {}\n",
-            seconds(before.at_s),
-            seconds(after.at_s),
-            shares(before, after)
-        ),
+        ("stretch", Some(before), Some(after)) => {
+            let stretch = format!(
+                "decided step by step between {} and {}, by no single event: {}\n",
+                seconds(before.at_s),
+                seconds(after.at_s),
+                shares(before, after)
+            );
+            stretch + &decisions(answer)
+        }
         ("start", ..) => at_start(answer, &ends),
         ("open", ..) => {
             let last = answer.curve.last().map(|point| share(point.share)).unwrap_or_default();
@@ -91,6 +91,27 @@ fn decided(answer: &Answer) -> String {
         }
         _ => "not answered: too few futures were carried out within --budget\n".to_owned(),
     }
+}
+
+/// Returns the sentences about the inputs that decided.
+fn decisions(answer: &Answer) -> String {
+    let Some(decisions) = &answer.decisions else { return String::new() };
+    let ends = if answer.sought == "built" { "built" } else { "broken" };
+    let mut text = match (decisions.len(), answer.withheld) {
+        (_, 0) => String::new(),
+        (0, all) => format!("no input alone decided: {} were withheld, one at a time\n", count(all)),
+        (_, all) => format!("of {} withheld one at a time, these decided:\n", many(all, "input")),
+    };
+    for DecisionReport { change, input, after, .. } in decisions {
+        let _ = write!(
+            text,
+            "without this, {} of {} futures are {ends} (--change {change})\n",
+            share(after.share),
+            count(after.of)
+        );
+        input.lines().for_each(|line| text.push_str(&format!("    {line}\n")));
+    }
+    text
 }
 
 fn at_start(answer: &Answer, ends: &str) -> String {

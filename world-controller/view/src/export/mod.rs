@@ -12,6 +12,7 @@ pub mod csv;
 mod foxglove;
 mod ros2;
 pub mod sdf;
+pub mod shiviz;
 pub mod structure;
 pub mod urdf;
 mod xml;
@@ -52,7 +53,7 @@ pub struct ExportArgs {
     #[arg(value_name = "JOURNAL")]
     pub journal: PathBuf,
     /// Write Foxglove's scene updates to this MCAP file, which must not exist yet
-    #[arg(long, value_name = "FILE", required_unless_present_any = ["urdf", "sdf", "commands", "csv"], conflicts_with_all = ["urdf", "sdf", "commands", "csv"])]
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["urdf", "sdf", "commands", "csv", "shiviz"], conflicts_with_all = ["urdf", "sdf", "commands", "csv", "shiviz"])]
     pub mcap: Option<PathBuf>,
     /// The messages of a recording: Foxglove's as JSON, or those of ROS 2 in CDR
     #[arg(long, value_enum, default_value_t = Schema::Foxglove, requires = "mcap")]
@@ -73,6 +74,13 @@ pub struct ExportArgs {
     /// class of messages) into this directory
     #[arg(long, value_name = "DIR", conflicts_with_all = ["urdf", "sdf", "commands"])]
     pub csv: Option<PathBuf>,
+    /// Write the inputs of agents with vector clocks to this file, which must not exist yet: a log for ShiViz, which draws the
+    /// happens-before order
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["urdf", "sdf", "commands", "csv"])]
+    pub shiviz: Option<PathBuf>,
+    /// The part of the run in such a log, from one scenario time to another; default: all of it
+    #[arg(long, value_name = "T..T", value_parser = during, requires = "shiviz")]
+    pub during: Option<(Time, Time)>,
     /// How the structure at an instant is written.
     #[command(flatten)]
     pub structure: StructureArgs,
@@ -114,6 +122,13 @@ pub enum Links {
     Merged,
 }
 
+fn during(text: &str) -> Result<(Time, Time), String> {
+    let (from, until) = text.split_once("..").ok_or("write two times, such as 50s..60s")?;
+    let time = |text: &str| text.parse::<Span>().map(|span| Time::ZERO + span).map_err(|e| e.to_string());
+    let (from, until) = (time(from)?, time(until)?);
+    if from < until { Ok((from, until)) } else { Err("the second time must be later".to_owned()) }
+}
+
 fn positive(text: &str) -> Result<f64, &'static str> {
     let number = text.parse::<f64>().ok().filter(|number| number.is_finite() && *number > 0.0);
     number.ok_or("say a number above 0, such as 0.11")
@@ -131,6 +146,19 @@ pub enum ExportError {
     /// It holds commands that this program does not know.
     #[error("{0}\n  fix: use the program that wrote the journal")]
     Commands(String),
+    /// Too many inputs for a viewer that draws all at once.
+    #[error("--shiviz: more than {most} inputs of agents between {from} and {until}\n  fix: name a shorter time, such as --during {}..{}", Span(from.0), Span(until.0))]
+    TooManyInputs {
+        /// Largest number of inputs.
+        most: usize,
+        /// When the part of the run begins.
+        from: Time,
+        /// When there are too many.
+        until: Time,
+    },
+    /// No input in the part of the run.
+    #[error("--during: no agent took an input then\n  fix: name a time within the run")]
+    NoInput,
     /// The recording cannot be written to its file.
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -156,6 +184,7 @@ impl CommandError for ExportError {
             ExportError::Output(error) => error.exit_code(),
             ExportError::Journal(error) => error.exit_code(),
             ExportError::Head(_) | ExportError::Commands(_) => BAD_USAGE,
+            ExportError::TooManyInputs { .. } | ExportError::NoInput => BAD_USAGE,
             ExportError::Interrupted { .. } => Outcome::Aborted.exit_code(),
             ExportError::Write { .. } => FAILED,
         }

@@ -1,20 +1,38 @@
 //! Changes of a run at its events.
 
 use super::bodies::Stream;
+use super::module::Process;
 use super::{Sim, Step};
 use crate::director::port::DirectorPort;
 use crate::kernel::audited::Audited;
 use crate::kernel::change::{Change, ChangeKind};
-use metamorph_core::record::{Event, Record, Who};
+use metamorph_core::ids::ModuleId;
+use metamorph_core::record::{Event, MessageName, Record, Who};
 use metamorph_core::rng::Rng;
-use std::collections::VecDeque;
+use metamorph_core::time::Span;
+use std::collections::{BTreeSet, VecDeque};
 
-/// The changes of a run that are still to come.
+/// The changes of a run: those still to come, and those in force.
 #[derive(Clone, Default)]
 pub(super) struct Changes {
     /// The number of events so far.
     pub events: u64,
     coming: VecDeque<Change>,
+    /// Messages that do not arrive.
+    lost: BTreeSet<MessageName>,
+    /// Modules whose process sleeps.
+    asleep: BTreeSet<ModuleId>,
+}
+
+impl Changes {
+    /// Returns true if a message does not arrive.
+    pub fn loses(&self, name: impl FnOnce() -> Option<MessageName>) -> bool {
+        !self.lost.is_empty() && name().is_some_and(|name| self.lost.contains(&name))
+    }
+    /// Takes note that something else has stopped or continued a process: a change no longer ends its sleep.
+    pub fn wakes_no_longer(&mut self, id: ModuleId) {
+        self.asleep.remove(&id);
+    }
 }
 
 impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
@@ -64,8 +82,27 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
                 self.renew_others(seed);
             }
         }
-        if let ChangeKind::Rescue(level) = change.kind {
-            self.director.set_rescue(level);
+        match change.kind {
+            ChangeKind::Links(_) | ChangeKind::All(_) => {}
+            ChangeKind::Rescue(level) => self.director.set_rescue(level),
+            ChangeKind::Lose(name) => drop(self.changes.lost.insert(name)),
+            ChangeKind::Sleep(id, span) => self.send_to_sleep(id, span),
+        }
+    }
+
+    fn send_to_sleep(&mut self, id: ModuleId, span: Span) {
+        if let Some(module) = self.modules.get_mut(id.index()).filter(|m| m.process == Process::Running) {
+            module.process = Process::Stopped;
+            self.changes.asleep.insert(id);
+            self.trace.event(self.now, 6, id.0, 0);
+            self.queue.push(self.now + span, super::Event::Awake(id));
+        }
+    }
+
+    /// Ends the sleep of a process, unless something else has stopped or continued it since.
+    pub(super) fn awake(&mut self, id: ModuleId) {
+        if self.changes.asleep.remove(&id) {
+            self.resume(id);
         }
     }
 
