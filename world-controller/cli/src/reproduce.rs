@@ -17,6 +17,7 @@ Examples:
   metamorph reproduce stoy --seeds 20
   metamorph reproduce gripping torque thesis-7
   metamorph reproduce transport --out worlds     again after Ctrl-C: it continues
+  metamorph reproduce why --seeds 4000 --out placements --plot shares.svg
   metamorph reproduce thesis-7 --gaits fo.json,blf.json,blf-sym.json
   metamorph reproduce c.6 8.2
 
@@ -25,7 +26,7 @@ reading of its text, with every kind (PAR, PER, SRS, SRZ), strategy (greedy, slo
 and order of seeds (circular, crosswise, at-once), and print the published numbers beside ours: with exact
 tests, another reading, the effect of each open assumption (from fewer seeds), and whether experiments of
 the published size show what the thesis says. The experiments of planners, and thesis-7, are not sweeps:
-they are named without these and without --out, and print one table each. `stoy` and `transport` take
+they are named without these and without --out, and print one table each. `stoy`, `why` and `transport` take
 --out alone: they keep every run in DIR, and the same command continues where it was interrupted.
 
 Files in DIR: report.html with tables and plots, and for each of box and chair the scenario and a
@@ -59,9 +60,12 @@ pub struct ReproduceArgs {
     #[arg(long, value_name = "N")]
     pub jobs: Option<NonZeroUsize>,
     /// Write every run and a report to files in this directory, which must be new or empty, except for
-    /// `stoy` and `transport`, which continue there
+    /// `stoy`, `why` and `transport`, which continue there
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Draw the shares of `why` with their intervals to this file, as SVG; default: none
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
     /// Write the numbers as JSON to a file, or to standard output with `-` (text for people then goes
     /// to standard error)
     #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
@@ -81,6 +85,7 @@ impl From<ReproduceArgs> for Request {
             jobs: jobs(args.jobs),
             out: args.out,
             json: args.json,
+            plot: args.plot,
             quiet: args.quiet,
         }
     }

@@ -66,7 +66,7 @@ pub struct WhyArgs {
     /// standard error)
     #[arg(long, value_name = "FILE|-", allow_hyphen_values = true)]
     pub json: Option<PathBuf>,
-    /// What is simulated.
+    /// The changes of the scenario.
     #[command(flatten)]
     pub simulated: SimulatedArgs,
     /// Print errors only, and JSON if requested

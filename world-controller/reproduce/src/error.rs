@@ -18,9 +18,14 @@ pub enum ReproduceError {
     Sweep(#[from] SweepError),
     /// An experiment of a planner is not a sweep.
     #[error(
-        "{0}: this experiment of a planner is not a sweep, so there are no runs to keep or to print with others\n  fix: name it alone, without --out, which only `stoy` and `transport` have of these; --json FILE has its numbers"
+        "{0}: this experiment of a planner is not a sweep, so there are no runs to keep or to print with others\n  fix: name it alone, without --out, which only `stoy`, `why` and `transport` have of these; --json FILE has its numbers"
     )]
     NotTogether(&'static str),
+    /// A plot of another experiment.
+    #[error(
+        "--plot: only `why` has a plot\n  fix: name it alone, or leave --plot out; --out DIR of 4.1, 4.2 and fig4.5 writes a report with plots"
+    )]
+    OfWhy,
     /// A gait file is wrong.
     #[error(transparent)]
     Gaits(#[from] PlanError),
@@ -37,9 +42,10 @@ impl CommandError for ReproduceError {
         match self {
             ReproduceError::Sweep(error) => error.exit_code(),
             ReproduceError::Gaits(error) => error.exit_code(),
-            ReproduceError::NotTogether(_) | ReproduceError::Study(_) | ReproduceError::Trials(_) => {
-                BAD_USAGE
-            }
+            ReproduceError::NotTogether(_)
+            | ReproduceError::OfWhy
+            | ReproduceError::Study(_)
+            | ReproduceError::Trials(_) => BAD_USAGE,
         }
     }
 }

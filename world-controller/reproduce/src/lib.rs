@@ -64,6 +64,8 @@ pub enum Experiment {
     Gripping,
     /// Stoy's experiment (4.1.2): a slab becomes a disc and then a ball; and how safe the published rule is
     Stoy,
+    /// What decides whether box and chair are built (4.1.3): placement, strategy, chance, network
+    Why,
     /// The planner of the 2009 report: four modules from a line to a loop
     #[value(name = "graph-signature")]
     GraphSignature,
@@ -107,6 +109,7 @@ impl Experiment {
             Experiment::Figure45 => "fig4.5",
             Experiment::Gripping => "gripping",
             Experiment::Stoy => "stoy",
+            Experiment::Why => "why",
             Experiment::GraphSignature => "graph-signature",
             Experiment::OnGrid => "on-grid",
             Experiment::RewardMap => "reward-map",
@@ -127,6 +130,7 @@ impl Experiment {
             Experiment::Figure45 => "Figure 4.5: moves that box and chair need",
             Experiment::Gripping => "Thesis 2.2.1: positions that the connection mechanism grips",
             Experiment::Stoy => "Thesis 4.1.2: Stoy's growth from a seed along gradients",
+            Experiment::Why => "Thesis 4.1.3: what decides whether box and chair are built",
             Experiment::GraphSignature => "Report 2009, chapter 5: planning by graph signatures",
             Experiment::OnGrid => "Thesis 6.3.2: a module walks over a floor with obstacles",
             Experiment::RewardMap => "Thesis 4.2.3: the reward map, one metamodule on a floor",
@@ -204,6 +208,8 @@ pub struct Request {
     pub out: Option<PathBuf>,
     /// The destination of the results; `-` is standard output.
     pub json: Option<PathBuf>,
+    /// The destination of the plot of `why`.
+    pub plot: Option<PathBuf>,
     /// Gait files whose learning curves are compared.
     pub gaits: Vec<PathBuf>,
     /// Session logs that are measured beside table 8.2.
@@ -217,9 +223,13 @@ pub fn reproduce(request: &Request) -> Result<u8, ReproduceError> {
     let mut experiments = request.experiments.clone();
     experiments.sort_unstable();
     experiments.dedup();
+    if request.plot.is_some() && experiments != [Experiment::Why] {
+        return Err(ReproduceError::OfWhy);
+    }
     let of_planners: Vec<Experiment> = experiments.iter().copied().filter(|e| e.is_of_a_planner()).collect();
     if !of_planners.is_empty() {
-        let keeps_trials = matches!(*of_planners, [Experiment::Stoy | Experiment::Transport]);
+        let keeps_trials =
+            matches!(*of_planners, [Experiment::Stoy | Experiment::Why | Experiment::Transport]);
         if of_planners.len() < experiments.len() || (request.out.is_some() && !keeps_trials) {
             return Err(ReproduceError::NotTogether(of_planners[0].name()));
         }

@@ -1,6 +1,6 @@
 //! The run that is explained: how it ended, and since when.
 
-use super::WhyError;
+use super::error::WhyError;
 use super::futures::Sought;
 use super::search::Direction;
 use crate::explore::verdict::{could_be_built, judge};

@@ -1,6 +1,7 @@
 //! Published results of planners and of networks of oscillators, beside ours: one table of figures each.
 
 mod appendix_b;
+mod decided;
 mod graph_signature;
 mod gripping;
 mod learning_curves;
@@ -21,12 +22,15 @@ use super::{Experiment, Request};
 use crate::error::ReproduceError;
 use metamorph_console::interrupt::Interrupt;
 use metamorph_console::output::{Json, Outputs};
+use metamorph_console::output_kind::OutputKind;
 use metamorph_console::terminal::Channel;
 use metamorph_experiments::sweep::SweepError;
 use metamorph_free_modules::gait::document::GaitFile;
 use metamorph_free_modules::gait::file;
 use metamorph_people::room::study::{Session, read};
 use metamorph_processes::family::sources;
+use metamorph_report::plot_file;
+use metamorph_report::plots;
 use metamorph_report::statistics::{Discrepancy, Observed, Rate, fisher};
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_text::escape::Shown;
@@ -84,6 +88,9 @@ pub struct PlannerTable {
     pub rows: Vec<Row>,
     /// Remarks, among them the figures that could not be compared.
     pub notes: Vec<String>,
+    /// Shares to be plotted.
+    #[serde(skip)]
+    pub plotted: Vec<plots::Row<Option<Rate>>>,
 }
 
 #[derive(Serialize)]
@@ -99,7 +106,7 @@ type Column = (&'static str, fn(&Row) -> String);
 impl PlannerTable {
     fn new(experiment: Experiment) -> PlannerTable {
         let (name, title) = (experiment.name().to_owned(), experiment.title().to_owned());
-        PlannerTable { name, title, rows: Vec::new(), notes: Vec::new() }
+        PlannerTable { name, title, rows: Vec::new(), notes: Vec::new(), plotted: Vec::new() }
     }
     fn row(
         &mut self,
@@ -166,6 +173,11 @@ fn interrupted(request: &Request) -> String {
 pub fn reproduce(experiments: &[Experiment], request: &Request) -> Result<u8, ReproduceError> {
     let mut outputs = Outputs::new();
     let json = Json::of(request.json.as_deref(), &mut outputs)?;
+    let plot = request
+        .plot
+        .as_deref()
+        .map(|file| outputs.writes("--plot", file, OutputKind::Picture))
+        .transpose()?;
     let gaits: Vec<GaitFile> = (request.gaits.iter())
         .map(|path| file::read(sources(), &format!("--gaits {}", path.shown()), path))
         .collect::<Result<_, _>>()?;
@@ -183,6 +195,7 @@ pub fn reproduce(experiments: &[Experiment], request: &Request) -> Result<u8, Re
                 table
             }
             Experiment::Stoy => stoy::table(request, &interrupt)?,
+            Experiment::Why => decided::table(request, &interrupt)?,
             Experiment::Gripping => gripping::table(),
             Experiment::Torque => torque::table(),
             Experiment::Transport => transport::table(request, &interrupt)?,
@@ -200,6 +213,10 @@ pub fn reproduce(experiments: &[Experiment], request: &Request) -> Result<u8, Re
     let document =
         Document { schema: SCHEMA, version: metamorph_text::version::version().to_owned(), planners };
     json.write(&document)?;
+    if let (Some(plot), [table]) = (plot, &*document.planners) {
+        let about = format!("{}. Made by metamorph {}.", table.title, env!("CARGO_PKG_VERSION"));
+        plot.write(plot_file::file(plots::intervals(&table.plotted, &about), &about).unwrap_or_default())?;
+    }
     let channel = Channel::beside(json.is_out(), request.quiet);
     for table in &document.planners {
         channel.say(&table.text(channel.paint()));

@@ -50,10 +50,15 @@ impl Ratios {
 }
 
 /// Returns the values of a statistic of samples that it draws, in increasing order (bootstrap; Efron 1979).
-pub fn resampled(mut statistic: impl FnMut(&mut Rng) -> f64) -> Vec<f64> {
-    let mut all: Vec<f64> = (0..DRAWS).map(|i| statistic(&mut Rng::named(0, "bootstrap", i))).collect();
+pub fn resampled(statistic: impl FnMut(&mut Rng) -> f64) -> Vec<f64> {
+    let mut all = samples(statistic);
     all.sort_unstable_by(f64::total_cmp);
     all
+}
+
+/// Returns what is made of each sample, for several statistics of the same samples.
+pub fn samples<T>(mut of: impl FnMut(&mut Rng) -> T) -> Vec<T> {
+    (0..DRAWS).map(|i| of(&mut Rng::named(0, "bootstrap", i))).collect()
 }
 
 /// Returns the 95 % interval of values in increasing order, of which there is at least one.
