@@ -3,7 +3,7 @@
 
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::rescue::Rescue;
-use metamorph_tests::command::{run, scenario};
+use metamorph_tests::command::{root, run, scenario};
 use metamorph_world_controller::experiments::why::answer::{Answer, PointReport};
 use metamorph_world_controller::experiments::why::{WhyError, WhyRequest, answer};
 use metamorph_world_controller::family::{begin, read_file, read_text};
@@ -161,6 +161,8 @@ fn the_command_explains_scenarios_and_journals() {
     assert!(told.out.contains("decided at ") && told.out.contains("--change links="), "{told:?}");
     let figure = std::fs::read_to_string(file("why.svg")).unwrap();
     assert!(figure.starts_with("<svg ") && !figure.contains("class=") && !figure.contains("NaN"), "{figure}");
+    let kept = std::fs::read_to_string(root().join("docs/pictures/why-chair.svg")).unwrap();
+    assert!(figure == kept, "docs/pictures/why-chair.svg is not what the command in docs/why.md draws");
     let journal = file("run.journal");
     run(&[&["run", "chair", "--link", "sim", "--journal", &journal, "-q"][..], &own].concat());
     let of_journal = run(&["why", &journal, "--json", &file("of-journal.json"), "-q"]);

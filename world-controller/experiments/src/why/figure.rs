@@ -7,7 +7,7 @@ use metamorph_report::plots::{Scale, WIDTH, place, tick};
 /// Height of the figure, in pixels.
 const HEIGHT: f64 = 240.0;
 /// Height of the margin above the plot, in pixels.
-const TOP: f64 = 16.0;
+const TOP: f64 = 22.0;
 /// Height of the margin below the plot, in pixels.
 const BOTTOM: f64 = 28.0;
 /// Width of the margin left of the plot, in pixels.
@@ -28,8 +28,13 @@ pub fn figure(answer: &Answer, about: &str) -> Markup {
     let band: Vec<String> =
         upper.chain(lower).map(|(at, share)| format!("{:.1} {:.1}", x(at), y(share))).collect();
     let times = Scale::over(0.0, end, LEFT);
+    let counted = match answer.sought.as_str() {
+        "built" => "share of futures that are built".to_owned(),
+        invariant => format!("share of futures that break {invariant}"),
+    };
     html! {
         svg viewBox=(format!("0 0 {WIDTH} {HEIGHT}")) role="img" aria-label=(about) {
+            text.number x=(place(LEFT)) y=(place(TOP - 5.0)) { (counted) }
             @for percent in [0.0, 25.0, 50.0, 75.0, 100.0] {
                 @let at = place(y(percent / 100.0));
                 line.grid x1=(place(LEFT)) x2=(place(WIDTH - RIGHT)) y1=(at) y2=(at) {}
