@@ -3,6 +3,7 @@
 
 use metamorph_tests::command::run;
 use metamorph_world_controller::experiments::reproduce::compare::{Reproduction, SCHEMA};
+use serde_json::Value;
 use std::fs;
 
 #[test]
@@ -160,4 +161,29 @@ fn trials_are_kept_and_continued() {
     // Where messages take the same time, the published rule is safe.
     let safe = rows.iter().find(|row| row["what"].as_str().unwrap().ends_with("50 ms each: safe")).unwrap();
     assert_eq!(safe["ours"], "100.0%", "{safe}");
+}
+
+/// The shares that decide the outcome: a table, a figure, and trials from which the same command continues.
+#[test]
+fn what_decides_is_split_into_shares() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name).display().to_string();
+    let out = path("placements");
+    let table = |seeds: &str, json: &str| {
+        let ran = run(&["reproduce", "why", "--seeds", seeds, "--out", &out, "--json", json, "--quiet"]);
+        assert_eq!(ran.code, Some(0), "{ran:?}");
+        let json: Value = serde_json::from_str(&std::fs::read_to_string(json).unwrap()).unwrap();
+        json["planners"][0]["rows"].as_array().unwrap().clone()
+    };
+    assert!(table("2", &path("two.json")).iter().all(|row| !row["ours"].as_str().unwrap().contains("NaN")));
+    let rows = table("12", &path("twelve.json"));
+    assert!(rows.len() > 20 && rows.iter().all(|row| row["n"] == 12), "{rows:?}");
+    let lines = std::fs::read_to_string(dir.path().join("placements/why.jsonl")).unwrap().lines().count();
+    assert_eq!(lines, 1 + 2 * 12);
+    let svg = path("shares.svg");
+    let drawn = run(&["reproduce", "why", "--seeds", "12", "--out", &out, "--plot", &svg, "--quiet"]);
+    let figure = std::fs::read_to_string(&svg).unwrap();
+    assert!(drawn.code == Some(0) && figure.starts_with("<svg ") && !figure.contains("NaN"), "{drawn:?}");
+    let refused = run(&["reproduce", "stoy", "--seeds", "1", "--plot", &svg]);
+    assert!(refused.code == Some(2) && refused.err.contains("only `why` has a plot"), "{refused:?}");
 }

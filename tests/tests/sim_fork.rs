@@ -158,6 +158,38 @@ fn a_message_can_be_lost_and_a_process_can_sleep() {
     let (lost_asleep, late) = lost("sleep=7/50ms@0");
     assert_eq!(lost_asleep, 0);
     assert!(late >= 0);
+    // A copy that is changed between two events is the run of the change, too; and so is one of a run whose process sleeps.
+    let mut origin = begin(&plan);
+    origin.run_until(Time(1_234_567_890));
+    reseeding_is_a_change(&plan, &*origin, ChangeKind::Sleep(ModuleId(7), Span::secs(3)), "between events");
+    let mut asleep = origin.fork().unwrap();
+    let mut changed = plan.clone();
+    changed.add_change(asleep.change(ChangeKind::Sleep(ModuleId(7), Span::secs(3))));
+    reseeding_is_a_change(&changed, &*asleep, ChangeKind::Links(1), "asleep");
+}
+
+/// The end of a sleep wakes nothing that was killed, started or stopped since: a later sleep lasts as long as it should.
+#[test]
+fn a_sleep_ends_with_its_process() {
+    for fault in ["kill 7", "pause 7"] {
+        let mut run = begin(&plan("swarm.toml"));
+        run.run_until(Time(1_000_000_000));
+        run.change(ChangeKind::Sleep(ModuleId(7), Span::secs(4)));
+        run.run_until(Time(2_000_000_000));
+        run.inject(fault.parse().unwrap()).unwrap();
+        run.run_until(Time(2_500_000_000));
+        let again = if fault.starts_with("kill") { "restart 7" } else { "resume 7" };
+        run.inject(again.parse().unwrap()).unwrap();
+        run.run_until(Time(3_000_000_000));
+        run.change(ChangeKind::Sleep(ModuleId(7), Span::secs(4)));
+        let asleep = run.module(ModuleId(7)).summary;
+        // The first sleep would have ended at 5 s, the second one ends at 7 s.
+        run.run_until(Time(6_900_000_000));
+        assert_eq!(run.module(ModuleId(7)).summary, asleep, "{fault}");
+        let before = run.tally().total().sent;
+        run.run_until(Time(9_000_000_000));
+        assert!(run.tally().total().sent > before, "{fault}");
+    }
 }
 
 /// A copy of a copy, each reseeded, is the run of two changes.

@@ -3,7 +3,7 @@
 
 use metamorph_sim_bridge::director::outcome::Outcome;
 use metamorph_sim_bridge::director::rescue::Rescue;
-use metamorph_tests::command::{root, run, scenario};
+use metamorph_tests::command::{root, run, run_processes, scenario};
 use metamorph_world_controller::experiments::why::answer::{Answer, PointReport};
 use metamorph_world_controller::experiments::why::{WhyError, WhyRequest, answer};
 use metamorph_world_controller::family::{begin, read_file, read_text};
@@ -171,8 +171,18 @@ fn the_command_explains_scenarios_and_journals() {
         serde_json::from_str(&std::fs::read_to_string(file(name)).unwrap()).unwrap()
     };
     assert_eq!(json("why.json"), json("of-journal.json"));
+    // The journal of a run of processes names the simulated run to explain.
+    let processes = file("processes.journal");
+    run_processes(&["run", "box", "--journal", &processes, "--time-scale", "200", "-q"]);
+    let refused = run(&["why", &processes]);
+    assert!(
+        refused.code == Some(2) && refused.err.contains("the journal of a run of processes"),
+        "{refused:?}"
+    );
+    let repeat = refused.err.split("its scenario: ").nth(1).unwrap().trim();
+    assert!(repeat.starts_with("metamorph why box") && !repeat.contains("--link"), "{repeat}");
     let cut = run(&[&["why", "chair", "--budget", "1ns"][..], &own].concat());
-    assert!(cut.code == Some(0) && cut.out.contains("cut short by --budget"), "{cut:?}");
+    assert!(cut.code == Some(0) && cut.out.contains("the search was cut short"), "{cut:?}");
     for (line, part) in [
         (&["why", "box"][..], "name the seed of a run that was not"),
         (&["why", "box", "--standstill", "1"], "--standstill 1: the run never stood still"),

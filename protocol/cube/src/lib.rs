@@ -317,7 +317,7 @@ impl Agent for Cube {
     }
 
     fn reseed(&mut self, seed: u64) {
-        self.rng = Rng::named(seed, "cube", self.own.id.0.into());
+        self.rng = Rng::named(seed, "cube, reseeded", self.own.id.0.into());
     }
 
     fn digest(&self, hasher: &mut dyn Hasher) {

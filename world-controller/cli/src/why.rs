@@ -36,7 +36,7 @@ If the start decided, it says what of it: whether other random numbers of agents
 strategy, would have helped, and whether a search proved the goal impossible.
 
 In futures the controller does not help, so that its help does not hide what was decided; with --rescue
-it helps as far as in the run. Every future is the run of the scenario with the changes that are printed.
+LEVEL both the run and its futures have this level. Every future is the run of the scenario with the changes that are printed.
 
 Exit codes:
   0  there is an answer, also if --budget cut it short
@@ -98,10 +98,20 @@ fn recorded(file: &Path) -> Result<Plan, Failure> {
     let plan = plan_of(families(), journal.head())
         .map_err(|error| Failure { text: format!("metamorph: {error}"), exit_code: BAD_USAGE })?;
     if plan.overrides.link == LinkKind::Ipc {
-        let repeat = plan.repeat_with().replace("--link ipc", "--link sim").replacen(" run ", " why ", 1);
+        let repeat = plan
+            .repeat_with()
+            .replacen(" run ", " why ", 1)
+            .replace(" --link ipc", "")
+            .replace(" --link sim", "");
         return Err(JournalError::OfProcesses { file: file.to_owned(), repeat }.into());
     }
-    let is_commanded = |event: &Event| matches!(event, Event::Input { .. });
+    // A change that the scenario has is made again.
+    let planned: Vec<String> = plan.changes.iter().map(ToString::to_string).collect();
+    let is_commanded = |event: &Event| match event {
+        Event::Input { .. } => true,
+        Event::Changed { change } => !planned.contains(change),
+        _ => false,
+    };
     for record in journal.by_ref() {
         if is_commanded(&record.map_err(JournalFailure::from)?.event) {
             return Err(JournalError::Commanded(file.to_owned()).into());

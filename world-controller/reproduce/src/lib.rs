@@ -64,7 +64,7 @@ pub enum Experiment {
     Gripping,
     /// Stoy's experiment (4.1.2): a slab becomes a disc and then a ball; and how safe the published rule is
     Stoy,
-    /// What decides whether box and chair are built (4.1.3): placement, strategy, chance, network
+    /// Shares of placement, strategy, random numbers of agents and network in the outcome of box and chair (4.1.3)
     Why,
     /// The planner of the 2009 report: four modules from a line to a loop
     #[value(name = "graph-signature")]

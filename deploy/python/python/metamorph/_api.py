@@ -85,7 +85,8 @@ class Scenario:
 
     def with_change(self, change: str) -> Scenario:
         """Returns a copy with one more change of the simulated run: `links=17@48213` gives links other random numbers after 48,213
-        events, `all=17@48213` everything that draws, and `rescue=off@48213` ends the help of the controller."""
+        events, `all=17@48213` everything that draws; `rescue=off@48213` ends the help of the controller, `lose=7.0.213@48213`
+        withholds a message of module 7, and `sleep=7/1s@48213` lets its process sleep."""
         return self._of(self._origin, self._text, self._settings, (*self._faults, f"change {change}"))
 
     def _plan(self, seed: Optional[int] = None, protocol: Optional[_native.Protocol] = None) -> _native.Plan:

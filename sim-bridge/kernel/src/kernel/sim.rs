@@ -70,8 +70,8 @@ enum Event {
     /// A message arrives; its index in the slab.
     Arrive(u32),
     Wake(ModuleId),
-    /// The sleep of a process ends.
-    Awake(ModuleId),
+    /// The sleep of a process ends; its number.
+    Awake(u32),
     /// A message between an agent and the controller arrives; the index in its slab.
     Posted(u32),
 }
@@ -342,7 +342,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
                 self.arrive(parcel);
             }
             Event::Posted(index) => self.posted_arrives(index),
-            Event::Awake(id) => self.awake(id),
+            Event::Awake(sleep) => self.awake(sleep),
         }
         self.settle();
     }
@@ -512,6 +512,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
         let now = self.now;
         match command {
             Command::Kill(id) => {
+                self.changes.wakes_no_longer(id);
                 let module = &mut self.modules[id.index()];
                 if std::mem::replace(&mut module.process, Process::Dead) != Process::Dead {
                     for unread in self.backlogs.remove(&id).into_iter().flat_map(|b| b.waiting) {
@@ -532,7 +533,10 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
                 }
                 self.trace.event(now, 6, id.0, 0);
             }
-            Command::Resume(id) => self.resume(id),
+            Command::Resume(id) => {
+                self.changes.wakes_no_longer(id);
+                self.resume(id);
+            }
             Command::Restart(id) => {
                 let module = &self.modules[id.index()];
                 // A module has 65,536 incarnations; after the last it stays dead.

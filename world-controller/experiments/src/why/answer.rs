@@ -55,7 +55,7 @@ pub struct Answer {
     pub decisions: Option<Vec<DecisionReport>>,
     /// Number of inputs that were withheld.
     pub withheld: u64,
-    /// What decides if the start does.
+    /// The part of the start that decides, if the start does.
     pub start: Option<StartReport>,
     /// True if the budget ended before the search did.
     pub is_cut_short: bool,
@@ -129,7 +129,7 @@ pub struct ChangeReport {
     pub high: f64,
 }
 
-/// What decides at the start.
+/// The part of a start that decides.
 #[derive(Debug, Serialize, JsonSchema)]
 pub struct StartReport {
     /// `impossible`, `chance`, `strategy` or `placement`.

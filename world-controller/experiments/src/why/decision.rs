@@ -9,7 +9,7 @@ use super::past::{PastInput, causes};
 use super::search::{Decided, Direction};
 use super::subject::Subject;
 use metamorph_processes::family::begin;
-use metamorph_protocol::time::Time;
+use metamorph_protocol::time::{Span, Time};
 use metamorph_report::statistics::fisher;
 use metamorph_report::two_samples::holm;
 use metamorph_sim_bridge::kernel::change::{Change, ChangeKind};
@@ -57,30 +57,31 @@ pub fn decide(subject: &Subject, question: &Question<'_>, decided: &Decided) -> 
     let whole = direction.change(&before.tally, &after.tally).by;
     let time_step = begin(&subject.plan).time_step();
     let since = Time(after.at.0.saturating_sub((time_step * STEPS).0)).min(before.at);
+    // The same instant without any change: other events of the instant count for nothing.
+    let mut control = Without::of(subject, question, None, after.at);
+    control.carry_out(MORE)?;
+    let control = control.point.tally;
     let inputs = causes(&subject.plan, after.events - 1, since, INPUTS);
     let (all, mut tried) = (inputs.len(), Vec::new());
     for input in inputs {
-        let kind = match input.message() {
-            Some(name) => ChangeKind::Lose(name),
-            None => ChangeKind::Sleep(input.who().0, time_step),
-        };
-        let change = Change { after: input.events, kind };
-        let mut without = Without::of(subject, question, change, after.at);
+        let mut without = Without::of(subject, question, Some((&input, time_step)), after.at);
         if without.carry_out(FIRST).is_none() {
             break;
         }
         // More if the whole change may be restored.
-        let may_decide = restored(direction, &after.tally, &without.point.tally).1 >= whole / 2.0;
+        let may_decide = restored(direction, &control, &without.point.tally).1 >= whole / 2.0;
         if may_decide && without.carry_out(MORE).is_none() {
             break;
         }
-        tried.push(Withheld { input, change, after: without.point, p: 1.0 });
+        if let Some(change) = without.change {
+            tried.push(Withheld { input, change, after: without.point, p: 1.0 });
+        }
     }
     let withheld = tried.len();
-    let p = tried.iter().map(|one| fisher(one.after.tally.pair(), after.tally.pair()).unwrap_or(1.0));
+    let p = tried.iter().map(|one| fisher(one.after.tally.pair(), control.pair()).unwrap_or(1.0));
     let p: Vec<f64> = holm(&p.collect::<Vec<_>>());
     tried.iter_mut().zip(p).for_each(|(one, p)| one.p = p);
-    let effect = |one: &Withheld| restored(direction, &after.tally, &one.after.tally).0;
+    let effect = |one: &Withheld| restored(direction, &control, &one.after.tally).0;
     tried.retain(|one| one.p <= LEVEL && effect(one) >= whole / 2.0);
     // Of equal effects the latest input; shares of up to 200 futures differ by more than a thousandth.
     tried.sort_by_key(|one| Reverse(((effect(one) * 1e3) as i64, one.input.events)));
@@ -96,20 +97,34 @@ fn restored(direction: Direction, after: &Tally, without: &Tally) -> (f64, f64) 
 
 /// The futures of a run without one of its inputs, from an instant on.
 struct Without<'a> {
+    /// The change that withholds the input; `None` if none is withheld.
+    change: Option<Change>,
     futures: Futures<'a>,
     point: Point,
 }
 
 impl<'a> Without<'a> {
-    /// Carries the run out up to the instant, with a change.
-    fn of(subject: &Subject, question: &'a Question<'a>, change: Change, until: Time) -> Without<'a> {
-        let mut plan = subject.plan.clone();
-        plan.add_change(change);
-        let mut run = begin(&plan);
+    /// Carries the run out up to the instant, without an input. A process sleeps for a time step beyond the time of the input.
+    fn of(
+        subject: &Subject,
+        question: &'a Question<'a>,
+        input: Option<(&PastInput, Span)>,
+        until: Time,
+    ) -> Without<'a> {
+        let (mut plan, mut run) = (subject.plan.clone(), begin(&subject.plan));
+        let change = input.map(|(input, time_step)| {
+            while run.events() < input.events && run.step() {}
+            let kind = match input.message() {
+                Some(name) => ChangeKind::Lose(name),
+                None => ChangeKind::Sleep(input.who().0, input.at().since(run.now()) + time_step),
+            };
+            run.change(kind)
+        });
+        change.into_iter().for_each(|change| plan.add_change(change));
         run.run_until(until);
         let mut futures = Futures::new(&plan, until, question, Reseeded::Links);
         let point = futures.keep(&*run);
-        Without { futures, point }
+        Without { change, futures, point }
     }
 
     /// Carries futures out until there are `count`.

@@ -34,7 +34,7 @@ impl Sought {
             Sought::Broken(_) => self.is_broken(run),
         }
     }
-    /// Returns true if the invariant that is looked for is broken.
+    /// Returns true if the invariant that is looked for is broken, as far as the first violations say that are kept.
     fn is_broken(&self, run: &dyn SteppedRun) -> bool {
         match self {
             Sought::Built => false,
@@ -98,6 +98,10 @@ impl Tally {
     /// Returns the share with its interval; 0 to 1 without futures.
     pub fn rate(&self) -> Rate {
         Rate::wilson(self.yes, self.of).unwrap_or(Rate { rate: 0.0, low: 0.0, high: 1.0 })
+    }
+    /// Returns true if all futures end alike.
+    pub fn is_unanimous(&self) -> bool {
+        self.yes == 0 || self.yes == self.of
     }
     /// Returns yes and all, for comparisons.
     pub fn pair(&self) -> (u64, u64) {

@@ -102,7 +102,8 @@ pub fn answer(
     let mut found = search::search(&mut futures, subject.direction());
     let start = match found.decided {
         Decided::AtStart => {
-            let start = start::ask(&subject, &question);
+            let first = found.curve.first().map(|point| point.tally).unwrap_or_default();
+            let start = start::ask(&subject, &first, &question);
             found.is_cut_short |= start.is_none();
             start
         }
@@ -119,6 +120,7 @@ pub fn answer(
         false => decision::decide(&subject, &question, &found.decided),
         true => None,
     };
-    found.is_cut_short |= decision.as_ref().is_some_and(|decision| decision.is_cut_short);
+    found.is_cut_short |=
+        decision.as_ref().map_or(found.decided.ends().is_some(), |decision| decision.is_cut_short);
     Ok(Answer::new(&subject, &found, start, event, decision, request.rescue))
 }

@@ -36,7 +36,7 @@ pub struct Alternative {
     pub tally: Tally,
 }
 
-/// What decides at a start.
+/// The part that decides, and the futures that say so.
 pub struct Start {
     /// The part that decides.
     pub cause: Cause,
@@ -46,8 +46,8 @@ pub struct Start {
     pub alternatives: Vec<Alternative>,
 }
 
-/// Asks what of a start decides. Returns `None` if that was stopped.
-pub fn ask(subject: &Subject, question: &Question<'_>) -> Option<Start> {
+/// Asks which part of a start decides; `first` are the futures of the start. Returns `None` if that was stopped.
+pub fn ask(subject: &Subject, first: &Tally, question: &Question<'_>) -> Option<Start> {
     let at_start = |plan: &Plan, reseeded| {
         let mut futures = Futures::new(plan, Time::ZERO, question, reseeded);
         let start = futures.point(0);
@@ -58,9 +58,11 @@ pub fn ask(subject: &Subject, question: &Question<'_>) -> Option<Start> {
     for (setting, plan) in others(&subject.plan) {
         alternatives.push(Alternative { setting, tally: at_start(&plan, Reseeded::Links)? });
     }
-    let ends_otherwise = |tally: &Tally| !subject.direction().is_decided(tally);
+    let direction = subject.direction();
+    let ends_otherwise =
+        |tally: &Tally| !direction.is_decided(tally) && direction.change(tally, first).low > 0.0;
     let cause = match () {
-        () if subject.could == Some(false) => Cause::Impossible,
+        () if subject.could == Some(false) && all.yes == 0 => Cause::Impossible,
         () if ends_otherwise(&all) => Cause::Chance,
         () if alternatives.iter().any(|other| ends_otherwise(&other.tally)) => Cause::Strategy,
         () => Cause::Placement,

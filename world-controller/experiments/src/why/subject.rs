@@ -6,7 +6,7 @@ use super::search::Direction;
 use crate::explore::verdict::{could_be_built, judge};
 use metamorph_families::simulated::to_the_end;
 use metamorph_processes::family::begin;
-use metamorph_protocol::time::{Span, Time};
+use metamorph_protocol::time::Time;
 use metamorph_report::schema::Report;
 use metamorph_scenario::Plan;
 use metamorph_sim_bridge::director::outcome::Outcome;
@@ -60,9 +60,11 @@ pub fn examine(plan: &Plan, standstill: Option<usize>, stop: &dyn Fn() -> bool) 
         let explained = subject(Sought::Built, record.stall.since, record.stall.text.to_owned(), None);
         return Ok(Subject { end, ..explained });
     }
-    if let Some(first) = report.invariants.violated.first() {
-        let (name, what) = (first.invariant.clone(), format!("{}: {}", first.invariant, first.what));
-        return Ok(subject(Sought::Broken(name), time(first.at_s), what, None));
+    if let Some(first) = run.violations().first() {
+        let (name, what) =
+            (first.invariant.name.to_owned(), format!("{}: {}", first.invariant.name, first.what));
+        // The last point is before the break, else all of its futures have it.
+        return Ok(subject(Sought::Broken(name), Time(first.at.0.saturating_sub(1)), what, None));
     }
     let could = could_be_built(judge(&report, &result), &result).1;
     match (run.outcome(), &result.stall) {
@@ -80,8 +82,4 @@ impl Subject {
             Sought::Broken(_) => Direction::Rises,
         }
     }
-}
-
-fn time(seconds: f64) -> Time {
-    Time::ZERO + Span((seconds * 1e9) as u64)
 }

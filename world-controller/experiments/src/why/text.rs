@@ -41,9 +41,9 @@ pub fn text(answer: &Answer, paint: Paint) -> String {
         }
     }
     if answer.is_cut_short {
-        text += "note: cut short by --budget; with more time the answer is more exact\n";
+        text += "note: the search was cut short; with more time (--budget) the answer is more exact\n";
     } else if answer.curve.iter().any(|point| point.of < answer.curve[0].of) {
-        text += "note: --budget ended before all points had as many futures as the first\n";
+        text += "note: the search ended before all points had as many futures as the first\n";
     }
     text
 }
@@ -76,12 +76,14 @@ fn decided(answer: &Answer) -> String {
             sentence + answer.event.as_deref().unwrap_or_default() + &decisions(answer)
         }
         ("stretch", Some(before), Some(after)) => {
-            let stretch = format!(
-                "decided step by step between {} and {}, by no single event: {}\n",
-                seconds(before.at_s),
-                seconds(after.at_s),
-                shares(before, after)
-            );
+            let shares = shares(before, after);
+            let (from, until) = (seconds(before.at_s), seconds(after.at_s));
+            let stretch = match answer.is_cut_short {
+                true => format!("decided between {from} and {until}: {shares}\n"),
+                false => {
+                    format!("decided step by step between {from} and {until}, by no single event: {shares}\n")
+                }
+            };
             stretch + &decisions(answer)
         }
         ("start", ..) => at_start(answer, &ends),
@@ -89,7 +91,7 @@ fn decided(answer: &Answer) -> String {
             let last = answer.curve.last().map(|point| share(point.share)).unwrap_or_default();
             format!("not decided when it began: {last} of the futures from there {ends}\n")
         }
-        _ => "not answered: too few futures were carried out within --budget\n".to_owned(),
+        _ => "not answered: too few futures were carried out\n".to_owned(),
     }
 }
 

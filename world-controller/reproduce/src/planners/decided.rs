@@ -1,4 +1,4 @@
-//! What decides whether the swarms of 4.1.3 build box and chair: the placement, the strategy, chance, or the network.
+//! The shares of placement, strategy, random numbers of agents and network in whether the swarms of 4.1.3 build box and chair.
 //!
 //! Each placement has four runs under each strategy: two in which everything that draws is reseeded at the start, and two in which
 //! links alone are. The covariance of the two of a pair over placements estimates, without bias, the variance of what both have in common:
@@ -66,15 +66,15 @@ struct Sums {
 struct Shares {
     /// The share of built runs.
     built: f64,
-    /// What the placement decides; under all strategies, under every one alike.
+    /// The share of the placement; under any strategy, that of its mean over strategies.
     placement: f64,
-    /// What the strategy decides for every placement alike; 0 under one.
+    /// The share of the strategy, in the mean over placements; 0 under one.
     strategy: f64,
-    /// What the placement decides under each strategy in another way; 0 under one.
+    /// The share of the placement that differs between strategies; 0 under one.
     interplay: f64,
-    /// What the random numbers of agents decide.
+    /// The share of the random numbers of agents.
     agents: f64,
-    /// What the random numbers of links decide, and how they combine with the others.
+    /// The share of the random numbers of links, also as they combine with the others.
     network: f64,
 }
 
@@ -112,40 +112,43 @@ impl Sums {
         [pair(0), pair(1)]
     }
 
-    /// Returns the shares under one strategy.
-    fn under(&self, s: usize) -> Shares {
+    /// Returns the shares under one strategy; `None` if all runs end alike.
+    fn under(&self, s: usize) -> Option<Shares> {
         let built = self.share_built(s);
         let variance = built * (1.0 - built);
-        let [placement, and_agents] = self.common(s).map(|common| common / variance);
-        Shares {
-            built,
-            placement,
-            agents: and_agents - placement,
-            network: 1.0 - and_agents,
-            ..Shares::default()
+        if variance <= 0.0 {
+            return None;
         }
+        let [placement, and_agents] = self.common(s).map(|common| common / variance);
+        let (agents, network) = (and_agents - placement, 1.0 - and_agents);
+        Some(Shares { built, placement, agents, network, ..Shares::default() })
     }
 
-    /// Returns the shares under a strategy that is drawn, each as probable.
-    fn under_any(&self) -> Shares {
+    /// Returns the shares under one of the strategies that is drawn; `None` if all runs end alike.
+    fn under_any(&self) -> Option<Shares> {
         let n = STRATEGIES.len();
         let mean = |of: &dyn Fn(usize) -> f64| (0..n).map(of).sum::<f64>() / n as f64;
         let built = mean(&|s| self.share_built(s));
         let variance = built * (1.0 - built);
+        if variance <= 0.0 {
+            return None;
+        }
         let of_strategies = mean(&|s| (self.share_built(s) - built).powi(2));
         let pairs = (0..n).flat_map(|s| (0..n).filter(move |other| *other != s).map(move |other| (s, other)));
         let alike =
             pairs.map(|(s, o)| self.covariance(self.across[s][o], self.built[s][0], self.built[o][1]));
         let alike = alike.sum::<f64>() / (n * (n - 1)) as f64;
-        let [placement, and_agents] = [0, 1].map(|i| mean(&|s| self.common(s)[i]));
-        Shares {
+        let [of_each, and_agents] = [0, 1].map(|i| mean(&|s| self.common(s)[i]));
+        // The variance of the mean over strategies.
+        let placement = (of_each + (n - 1) as f64 * alike) / n as f64;
+        Some(Shares {
             built,
-            placement: alike / variance,
+            placement: placement / variance,
             strategy: of_strategies / variance,
-            interplay: (placement - alike) / variance,
-            agents: (and_agents - placement) / variance,
+            interplay: (of_each - placement) / variance,
+            agents: (and_agents - of_each) / variance,
             network: 1.0 - (of_strategies + and_agents) / variance,
-        }
+        })
     }
 }
 
@@ -182,7 +185,8 @@ pub fn table(request: &Request, stop: &Interrupt) -> Result<PlannerTable, Reprod
     table.notes = vec![
         "shares of the variance of one outcome, built or not. A share near 0 may be estimated as less than 0".to_owned(),
         "placement: of two runs of one placement in which everything that draws is reseeded at the start, the covariance over placements. Agents: of two runs in which links alone are, the covariance over placements, less that. Network: the rest".to_owned(),
-        "any strategy: one of the three is drawn. The placement then decides what it decides under all of them alike; what it decides under each in another way is the interplay".to_owned(),
+        "any strategy: one of the three is drawn. The share of the placement is then that of its mean over strategies, and the rest of it, by which strategies differ, the interplay".to_owned(),
+        "the first messages of agents, sent as they start, have the delays of the seed in all runs".to_owned(),
         "intervals by the bootstrap over placements".to_owned(),
     ];
     Ok(table)
@@ -213,10 +217,11 @@ fn add(table: &mut PlannerTable, goal: Goal, placements: &[Placement]) {
             if s < any && (i == 2 || i == 3) {
                 continue;
             }
-            let mut drawn: Vec<f64> = samples.iter().map(|sums| of(&shares(sums, s))).collect();
+            let drawn = samples.iter().filter_map(|sums| shares(sums, s).as_ref().map(of));
+            let mut drawn: Vec<f64> = drawn.collect();
             drawn.sort_unstable_by(f64::total_cmp);
             let [low, high] = interval(&drawn);
-            let share = of(&shares(&whole, s));
+            let Some(share) = shares(&whole, s).as_ref().map(of) else { continue };
             let what = if i == 0 { format!("{}, {name}: {part}", goal.name()) } else { format!("  {part}") };
             let within = |share: f64| share.clamp(0.0, 1.0);
             let rate = Rate { rate: within(share), low: within(low), high: within(high) };
@@ -256,7 +261,7 @@ mod tests {
     #[test]
     fn what_the_placement_decides_alone_is_its_share() {
         let sums = drawn(20_000, |placement, _| [placement.below(100) < 40; 4]);
-        for shares in [sums.under(0), sums.under(2), sums.under_any()] {
+        for shares in [sums.under(0), sums.under(2), sums.under_any()].map(Option::unwrap) {
             close(shares.built, 0.4);
             close(shares.placement, 1.0);
             close(shares.network + shares.agents + shares.strategy + shares.interplay, 0.0);
@@ -269,8 +274,9 @@ mod tests {
             (0..s).for_each(|_| drop(run.next_u64()));
             [0; 4].map(|_| run.below(100) < 30)
         });
-        close(sums.under(1).network, 1.0);
-        close(sums.under(1).placement, 0.0);
+        let shares = sums.under(1).unwrap();
+        close(shares.network, 1.0);
+        close(shares.placement, 0.0);
     }
 
     /// Half of the placements cannot be built; the others are by three of four runs.
@@ -280,7 +286,7 @@ mod tests {
             let possible = random.below(2) == 0;
             [0; 4].map(|_| possible && random.below(4) < 3)
         });
-        let shares = sums.under(0);
+        let shares = sums.under(0).unwrap();
         // p = 3/8; the variance of the placement's expectation is (3/8)², that of an outcome 15/64.
         close(shares.built, 0.375);
         close(shares.placement, 9.0 / 15.0);
@@ -293,18 +299,21 @@ mod tests {
             let [first, second, own] = [0; 3].map(|_| random.below(2) == 0);
             [first, second, own, own]
         });
-        close(sums.under(0).agents, 1.0);
-        close(sums.under(0).placement, 0.0);
+        let shares = sums.under(0).unwrap();
+        close(shares.agents, 1.0);
+        close(shares.placement, 0.0);
     }
 
     #[test]
     fn a_strategy_that_always_builds_is_told_from_the_placement() {
         // One of three strategies always builds, the others never: p = 1/3, all of it decided by the strategy.
         let sums = drawn(1_000, |_, s| [s == 1; 4]);
-        close(sums.under_any().strategy, 1.0);
-        // Each placement can be built under exactly one of two strategies.
+        close(sums.under_any().unwrap().strategy, 1.0);
+        assert_eq!(sums.under(0), None, "all runs end alike");
+        // Each placement can be built either under one strategy or under the two others: the mean over strategies is 1/3 or 2/3.
         let sums = drawn(20_000, |random, s| [(random.below(2) == 0) == (s == 1); 4]);
-        let shares = sums.under_any();
-        assert!(shares.interplay > 0.8, "{shares:?}");
+        let shares = sums.under_any().unwrap();
+        close(shares.placement, 1.0 / 9.0);
+        close(shares.interplay, 8.0 / 9.0);
     }
 }

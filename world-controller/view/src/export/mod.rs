@@ -147,10 +147,10 @@ pub enum ExportError {
     #[error("{0}\n  fix: use the program that wrote the journal")]
     Commands(String),
     /// Too many inputs for a viewer that draws all at once.
-    #[error("--shiviz: more than {most} inputs of agents between {from} and {until}\n  fix: name a shorter time, such as --during {}..{}", Span(from.0), Span(until.0))]
+    #[error("--shiviz: more than {inputs} inputs of agents between {from} and {until}\n  fix: name a shorter time, such as --during {}..{}", Span(from.0), Span(until.0))]
     TooManyInputs {
-        /// Largest number of inputs.
-        most: usize,
+        /// Number of inputs up to where there are too many.
+        inputs: usize,
         /// When the part of the run begins.
         from: Time,
         /// When there are too many.

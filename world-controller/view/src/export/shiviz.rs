@@ -20,6 +20,8 @@ use std::rc::Rc;
 const EXPRESSION: &str = r"(?<at>\S+) s: (?<event>.*)\n(?<host>\S+) (?<clock>{.*})";
 /// Largest number of inputs in a log. The viewer draws all at once.
 const INPUTS_MAX: usize = 20_000;
+/// Largest size of a log in bytes. Clocks of many modules are long.
+const BYTES_MAX: usize = 64 << 20;
 
 /// A module in one incarnation: a process of its own to the viewer.
 type Host = (ModuleId, Incarnation);
@@ -96,8 +98,8 @@ pub fn export_shiviz(
             continue;
         }
         let Some(what) = brief(&plan, step) else { continue };
-        if log.inputs == INPUTS_MAX {
-            return Err(ExportError::TooManyInputs { most: INPUTS_MAX, from, until: record.at });
+        if log.inputs == INPUTS_MAX || log.text.len() > BYTES_MAX {
+            return Err(ExportError::TooManyInputs { inputs: log.inputs, from, until: record.at });
         }
         log.add(record.at, (id, incarnation), step, &what);
     }

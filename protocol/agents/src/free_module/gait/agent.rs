@@ -362,7 +362,7 @@ impl Agent for FreeModule {
     }
 
     fn reseed(&mut self, seed: u64) {
-        self.rng = Rng::named(seed, "free module", self.id.0.into());
+        self.rng = Rng::named(seed, "free module, reseeded", self.id.0.into());
     }
 
     fn digest(&self, hasher: &mut dyn Hasher) {

@@ -470,7 +470,7 @@ impl Agent for LatticeModule {
     }
 
     fn reseed(&mut self, seed: u64) {
-        self.rng = Rng::named(seed, "lattice module", self.id.0.into());
+        self.rng = Rng::named(seed, "lattice module, reseeded", self.id.0.into());
     }
 
     fn digest(&self, hasher: &mut dyn Hasher) {

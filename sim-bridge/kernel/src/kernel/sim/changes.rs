@@ -9,19 +9,23 @@ use crate::kernel::change::{Change, ChangeKind};
 use metamorph_core::ids::ModuleId;
 use metamorph_core::record::{Event, MessageName, Record, Who};
 use metamorph_core::rng::Rng;
-use metamorph_core::time::Span;
-use std::collections::{BTreeSet, VecDeque};
+use metamorph_core::time::{Span, Time};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// The changes of a run: those still to come, and those in force.
 #[derive(Clone, Default)]
 pub(super) struct Changes {
     /// The number of events so far.
     pub events: u64,
+    /// The time of the last of them. The present may be later, if nothing has happened since.
+    last: Time,
     coming: VecDeque<Change>,
     /// Messages that do not arrive.
     lost: BTreeSet<MessageName>,
-    /// Modules whose process sleeps.
-    asleep: BTreeSet<ModuleId>,
+    /// Modules whose process sleeps, by the number of the sleep.
+    asleep: BTreeMap<u32, ModuleId>,
+    /// The number of sleeps so far.
+    sleeps: u32,
 }
 
 impl Changes {
@@ -29,9 +33,9 @@ impl Changes {
     pub fn loses(&self, name: impl FnOnce() -> Option<MessageName>) -> bool {
         !self.lost.is_empty() && name().is_some_and(|name| self.lost.contains(&name))
     }
-    /// Takes note that something else has stopped or continued a process: a change no longer ends its sleep.
+    /// Takes note that something else has stopped, continued, ended or started a process: a change no longer ends its sleep.
     pub fn wakes_no_longer(&mut self, id: ModuleId) {
-        self.asleep.remove(&id);
+        self.asleep.retain(|_, asleep| *asleep != id);
     }
 }
 
@@ -58,6 +62,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
     /// Counts an event, and carries out the changes that follow it.
     pub(super) fn count_event(&mut self) -> Step {
         self.changes.events += 1;
+        self.changes.last = self.now;
         if !self.changes.coming.is_empty() {
             self.make_changes();
         }
@@ -74,7 +79,7 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
     fn carry_out_change(&mut self, change: Change) {
         if let Some(log) = &self.log {
             let event = Event::Changed { change: change.to_string() };
-            log.lock().put(&Record { at: self.now, who: Who::Controller, event });
+            log.lock().put(&Record { at: self.changes.last, who: Who::Controller, event });
         }
         if let Some(seed) = change.seed(self.config.seed) {
             self.renew_links(seed);
@@ -93,15 +98,18 @@ impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
     fn send_to_sleep(&mut self, id: ModuleId, span: Span) {
         if let Some(module) = self.modules.get_mut(id.index()).filter(|m| m.process == Process::Running) {
             module.process = Process::Stopped;
-            self.changes.asleep.insert(id);
-            self.trace.event(self.now, 6, id.0, 0);
-            self.queue.push(self.now + span, super::Event::Awake(id));
+            let sleep = self.changes.sleeps;
+            self.changes.sleeps += 1;
+            self.changes.asleep.insert(sleep, id);
+            self.trace.event(self.changes.last, 6, id.0, 0);
+            // A sleep that is over by now ends now.
+            self.queue.push((self.changes.last + span).max(self.now), super::Event::Awake(sleep));
         }
     }
 
-    /// Ends the sleep of a process, unless something else has stopped or continued it since.
-    pub(super) fn awake(&mut self, id: ModuleId) {
-        if self.changes.asleep.remove(&id) {
+    /// Ends a sleep, unless something else has stopped, continued, ended or started the process since.
+    pub(super) fn awake(&mut self, sleep: u32) {
+        if let Some(id) = self.changes.asleep.remove(&sleep) {
             self.resume(id);
         }
     }
