@@ -86,7 +86,7 @@ fn bad_arguments_are_refused() {
         (&[], "EXPERIMENT"),
         (
             &["4.3"],
-            "[possible values: 4.1, 4.2, fig4.5, gripping, stoy, graph-signature, on-grid, reward-map, planned, thesis-7, torque, transport, appendix-b, c.6, 8.2, e]",
+            "[possible values: 4.1, 4.2, fig4.5, gripping, stoy, why, graph-signature, on-grid, reward-map, planned, thesis-7, torque, transport, appendix-b, c.6, 8.2, e]",
         ),
         (&["4.1", "--seeds", "0"], "--seeds"),
         (&["4.1", "--seeds", "1000000"], "--seeds"),
