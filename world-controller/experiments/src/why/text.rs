@@ -105,9 +105,9 @@ fn decisions(answer: &Answer) -> String {
         (_, all) => format!("of {} withheld one at a time, these decided:\n", many(all, "input")),
     };
     for DecisionReport { change, input, after, .. } in decisions {
-        let _ = write!(
+        let _ = writeln!(
             text,
-            "without this, {} of {} futures are {ends} (--change {change})\n",
+            "without this, {} of {} futures are {ends} (--change {change})",
             share(after.share),
             count(after.of)
         );

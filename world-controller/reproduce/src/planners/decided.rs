@@ -271,7 +271,9 @@ mod tests {
     #[test]
     fn what_is_drawn_for_each_run_is_the_share_of_the_network() {
         let sums = drawn(20_000, |run, s| {
-            (0..s).for_each(|_| drop(run.next_u64()));
+            for _ in 0..s {
+                run.next_u64();
+            }
             [0; 4].map(|_| run.below(100) < 30)
         });
         let shares = sums.under(1).unwrap();
