@@ -217,8 +217,7 @@ pub trait SteppedRun: Send + Sync {
     /// # Errors
     /// If the run is recorded, or its family has parts that cannot be copied: walking bodies, and protocols of one's own.
     fn fork(&self) -> Result<Box<dyn SteppedRun>, ForkError>;
-    /// Changes the run now: other random numbers from here on, or another level of rescue. The run is then that of its scenario
-    /// with this change, as its report says. Returns the change.
+    /// Changes the run now ([`ChangeKind`]). The run is then that of its scenario with this change, as its report says. Returns the change.
     fn change(&mut self, kind: ChangeKind) -> Change;
     /// Returns the number of events of the kernel so far.
     fn events(&self) -> u64;

@@ -191,7 +191,7 @@ pub struct Plan {
     pub schedule: Schedule,
     /// The end conditions of the run.
     pub stop: Stop,
-    /// The changes of a simulated run at its events, in their order.
+    /// The changes of a simulated run at its events.
     pub changes: Vec<Change>,
     /// How far the controller helps a swarm that stands still, if the family has a rescue.
     pub rescue: Rescue,
@@ -219,7 +219,6 @@ impl Plan {
     pub fn add_change(&mut self, change: Change) {
         self.overrides.change.push(change.to_string());
         self.changes.push(change);
-        self.changes.sort_by_key(|change| change.after);
     }
 
     /// Returns the same plan with another seed. Cheap: what does not depend on the seed is shared.

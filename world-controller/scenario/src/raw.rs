@@ -140,7 +140,7 @@ pub struct Raw {
     pub commands: Vec<RawCommands>,
     /// The operator.
     pub operator: Option<RawOperator>,
-    /// The changes of the run, in the order of their events.
+    /// The changes of the run.
     pub changes: Vec<At<Change>>,
     /// How far the controller helps a swarm that stands still.
     pub rescue: Rescue,
@@ -318,7 +318,6 @@ impl Raw {
         self.faults.extend(partitions.filter_map(|text| faults::read_partition_option(text, diagnostics)));
         let changes = overrides.change.iter();
         self.changes.extend(changes.filter_map(|text| changes::read_option(text, diagnostics)));
-        self.changes.sort_by_key(|change| change.value.after);
         for (name, text, target) in [
             ("--loss", &overrides.loss, &mut self.link.loss),
             ("--dup", &overrides.duplicate, &mut self.link.duplicate),

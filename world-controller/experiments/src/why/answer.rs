@@ -105,7 +105,7 @@ impl DecisionReport {
         Withheld { input, change, after, p }: &Withheld,
         rescue: Option<Rescue>,
     ) -> DecisionReport {
-        let (module, incarnation) = input.who();
+        let (module, incarnation) = input.who;
         DecisionReport {
             module: module.0,
             incarnation: incarnation.0,
@@ -151,18 +151,18 @@ pub struct StrategyReport {
 }
 
 impl PointReport {
-    fn of(past: &Point, rescue: Option<Rescue>) -> PointReport {
-        let Tally { yes, of, first_yes, first_no } = past.tally;
+    fn of(point: &Point, rescue: Option<Rescue>) -> PointReport {
+        let Tally { yes, of, first_yes, first_no } = point.tally;
         let options = |number: u64| {
-            let changes = past.changes(rescue, Reseeded::Links, number);
+            let changes = point.changes(rescue, Reseeded::Links, number);
             changes.iter().map(|change| format!("--change {change}")).collect::<Vec<_>>().join(" ")
         };
         PointReport {
-            events: past.events,
-            at_s: past.at.as_secs_f64(),
+            events: point.events,
+            at_s: point.at.as_secs_f64(),
             yes,
             of,
-            share: past.tally.rate(),
+            share: point.tally.rate(),
             repeat_yes: first_yes.map(options),
             repeat_no: first_no.map(options),
         }
@@ -180,7 +180,7 @@ impl Answer {
         rescue: Option<Rescue>,
     ) -> Answer {
         let ends = found.decided.ends();
-        let point = |past: &Point| PointReport::of(past, rescue);
+        let point = |at: &Point| PointReport::of(at, rescue);
         let change = ends.and_then(|(a, b)| newcombe(a.tally.pair(), b.tally.pair()));
         Answer {
             schema: SCHEMA,

@@ -8,10 +8,11 @@ use super::futures::{Futures, Oracle, Point, Question, Reseeded, Tally};
 use super::past::{PastInput, causes};
 use super::search::{Decided, Direction};
 use super::subject::Subject;
-use metamorph_processes::family::begin;
+use metamorph_families::simulated::SteppedRun;
 use metamorph_protocol::time::{Span, Time};
 use metamorph_report::statistics::fisher;
 use metamorph_report::two_samples::holm;
+use metamorph_scenario::Plan;
 use metamorph_sim_bridge::kernel::change::{Change, ChangeKind};
 use std::cmp::Reverse;
 
@@ -51,20 +52,27 @@ pub struct Decision {
 }
 
 /// Withholds the inputs that the end of an interval follows from, one at a time. Returns `None` if there is no interval.
-pub fn decide(subject: &Subject, question: &Question<'_>, decided: &Decided) -> Option<Decision> {
+pub fn decide(
+    subject: &Subject,
+    question: &Question<'_>,
+    of_run: &Futures<'_>,
+    decided: &Decided,
+) -> Option<Decision> {
     let (before, after) = decided.ends()?;
     let direction = subject.direction();
     let whole = direction.change(&before.tally, &after.tally).by;
-    let time_step = begin(&subject.plan).time_step();
+    let run = of_run.run_at(before.events);
+    let time_step = run.time_step();
     let since = Time(after.at.0.saturating_sub((time_step * STEPS).0)).min(before.at);
     // The same instant without any change: other events of the instant count for nothing.
-    let mut control = Without::of(subject, question, None, after.at);
+    let mut control = Without::of(question, &subject.plan, run, None, after.at);
     control.carry_out(MORE)?;
     let control = control.point.tally;
     let inputs = causes(&subject.plan, after.events - 1, since, INPUTS);
     let (all, mut tried) = (inputs.len(), Vec::new());
     for input in inputs {
-        let mut without = Without::of(subject, question, Some((&input, time_step)), after.at);
+        let run = of_run.run_at(input.events);
+        let mut without = Without::of(question, &subject.plan, run, Some((&input, time_step)), after.at);
         if without.carry_out(FIRST).is_none() {
             break;
         }
@@ -104,19 +112,20 @@ struct Without<'a> {
 }
 
 impl<'a> Without<'a> {
-    /// Carries the run out up to the instant, without an input. A process sleeps for a time step beyond the time of the input.
+    /// Carries a run of this plan out up to the instant; without an input, before whose event it is. A process sleeps for a time
+    /// step beyond the time of the input.
     fn of(
-        subject: &Subject,
         question: &'a Question<'a>,
+        plan: &Plan,
+        mut run: Box<dyn SteppedRun>,
         input: Option<(&PastInput, Span)>,
         until: Time,
     ) -> Without<'a> {
-        let (mut plan, mut run) = (subject.plan.clone(), begin(&subject.plan));
+        let mut plan = plan.clone();
         let change = input.map(|(input, time_step)| {
-            while run.events() < input.events && run.step() {}
             let kind = match input.message() {
                 Some(name) => ChangeKind::Lose(name),
-                None => ChangeKind::Sleep(input.who().0, input.at().since(run.now()) + time_step),
+                None => ChangeKind::Sleep(input.who.0, input.at().since(run.now()) + time_step),
             };
             run.change(kind)
         });

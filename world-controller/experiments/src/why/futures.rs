@@ -183,6 +183,15 @@ impl<'a> Futures<'a> {
         Point { events, at, tally: Tally::default() }
     }
 
+    /// Returns the run after this number of events, at the time of the last of them.
+    pub fn run_at(&self, events: u64) -> Box<dyn SteppedRun> {
+        // Of the same number, a past may have been kept at a later time, before the next event.
+        let past = self.pasts.range(..events).next_back().and_then(|(_, run)| run.fork().ok());
+        let mut run = past.unwrap_or_else(|| begin(&self.plan));
+        while run.events() < events && run.step() {}
+        run
+    }
+
     /// Returns the future of a point with this number.
     fn future(&self, point: &Point, number: u64) -> Box<dyn SteppedRun> {
         let kinds = kinds(self.question.rescue, self.reseeded, number);
@@ -212,9 +221,7 @@ impl Oracle for Futures<'_> {
     }
 
     fn point(&mut self, events: u64) -> Point {
-        let past = self.pasts.range(..=events).next_back().and_then(|(_, run)| run.fork().ok());
-        let mut run = past.unwrap_or_else(|| begin(&self.plan));
-        while run.events() < events && run.step() {}
+        let run = self.run_at(events);
         self.keep(&*run)
     }
 

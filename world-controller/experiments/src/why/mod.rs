@@ -117,7 +117,7 @@ pub fn answer(
         _ => None,
     };
     let decision = match found.is_cut_short {
-        false => decision::decide(&subject, &question, &found.decided),
+        false => decision::decide(&subject, &question, &futures, &found.decided),
         true => None,
     };
     found.is_cut_short |=

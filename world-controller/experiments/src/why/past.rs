@@ -15,19 +15,13 @@ const WINDOW: usize = 20_000;
 pub struct PastInput {
     /// The number of events before the one in which it was taken.
     pub events: u64,
+    /// The module that took it, and its incarnation.
+    pub who: (ModuleId, Incarnation),
     /// Its record.
     pub record: Record,
 }
 
 impl PastInput {
-    /// Returns the module that took it, and its incarnation.
-    pub fn who(&self) -> (ModuleId, Incarnation) {
-        match self.record.who {
-            Who::Agent(id, incarnation) => (id, incarnation),
-            // Invariant: only inputs of agents are made into this.
-            Who::Controller => (ModuleId(0), Incarnation(0)),
-        }
-    }
     /// Returns the scenario time.
     pub fn at(&self) -> Time {
         self.record.at
@@ -60,8 +54,9 @@ impl Steps {
         for (events, records) in recorded_events(plan, events, WINDOW) {
             for record in records {
                 if let (Who::Agent(id, incarnation), Event::Step(_)) = (record.who, &record.event) {
-                    steps.of.entry((id, incarnation)).or_default().push(steps.all.len());
-                    steps.all.push(PastInput { events, record });
+                    let who = (id, incarnation);
+                    steps.of.entry(who).or_default().push(steps.all.len());
+                    steps.all.push(PastInput { events, who, record });
                 }
             }
         }
@@ -70,7 +65,7 @@ impl Steps {
 
     /// Returns the step before one of the same agent.
     fn before(&self, step: usize) -> Option<usize> {
-        let own = self.of.get(&self.all[step].who())?;
+        let own = self.of.get(&self.all[step].who)?;
         own.partition_point(|other| *other < step).checked_sub(1).map(|i| own[i])
     }
 
@@ -97,7 +92,7 @@ impl Steps {
 /// Returns the inputs that the event after this many others follows from, and its own: the nearest first, those that changed
 /// something, at most `count`, and none before `since`.
 pub fn causes(plan: &Plan, events: u64, since: Time, count: usize) -> Vec<PastInput> {
-    let mut steps = Steps::of(plan, events + 1);
+    let steps = Steps::of(plan, events + 1);
     let own = (0..steps.all.len()).filter(|step| steps.all[*step].events == events);
     let (mut queue, mut found): (VecDeque<usize>, BTreeSet<usize>) = (own.collect(), BTreeSet::new());
     let mut order = Vec::new();
@@ -111,13 +106,6 @@ pub fn causes(plan: &Plan, events: u64, since: Time, count: usize) -> Vec<PastIn
         let sender = steps.all[step].message().and_then(|name| steps.sender(name));
         queue.extend(steps.before(step).into_iter().chain(sender));
     }
-    let order: BTreeMap<usize, usize> = order.into_iter().enumerate().map(|(i, step)| (step, i)).collect();
-    let mut causes: Vec<(usize, PastInput)> = Vec::new();
-    for (step, input) in std::mem::take(&mut steps.all).into_iter().enumerate() {
-        if let Some(place) = order.get(&step) {
-            causes.push((*place, input));
-        }
-    }
-    causes.sort_by_key(|(place, _)| *place);
-    causes.into_iter().map(|(_, input)| input).collect()
+    let mut all: Vec<Option<PastInput>> = steps.all.into_iter().map(Some).collect();
+    order.into_iter().filter_map(|step| all[step].take()).collect()
 }

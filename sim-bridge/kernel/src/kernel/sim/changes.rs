@@ -40,7 +40,7 @@ impl Changes {
 }
 
 impl<W: Audited, D: DirectorPort<W>> Sim<W, D> {
-    /// Plans changes, in the order of their events. Those that are due are carried out at once.
+    /// Plans changes, which take effect in the order of their events. Those that are due are carried out at once.
     pub fn plan_changes(&mut self, mut changes: Vec<Change>) {
         changes.sort_by_key(|change| change.after);
         self.changes.coming = changes.into();
